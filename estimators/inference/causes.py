@@ -443,6 +443,7 @@ class Cause:
     reason: str = ""  # of its size
     source: str = ""
     remedy: str = ""  # what would tell it, or take it out
+    parameter: str = ""  # of the model that is the same thing, known unless freed
 
 
 def with_causes(problem: Problem, x: Float, causes: Sequence[Cause], sizes: Float) -> Problem:

@@ -19,7 +19,7 @@ from functools import cached_property
 
 import numpy as np
 
-from rotorfit.base.array_types import Bool, ComplexArray, Float
+from rotorfit.base.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.estimators.noise.run_effects import inverse_of_determined
 
 TOLD = 0.05
@@ -145,6 +145,24 @@ class JointErrors:
         told = self.determined > TOLD
         power = np.where(told, self.determined, 1.0)
         return np.where(told, self.value / (self.size * np.sqrt(power)), np.nan)
+
+    def each_alone(self, group: Index) -> tuple[Float, Float, Float]:
+        """Value, standard deviation and score of each cause of a group if the others of that group are none, each of
+        shape ``(m,)``: what all of them share is not told, and hides which of them it is that acts."""
+        scale = self.deviation
+        information = np.linalg.inv(self.covar / np.outer(scale, scale))
+        push = information @ (self.free / scale)
+        found = []
+        for one in group.tolist():
+            kept = np.setdiff1d(np.arange(scale.size), np.setdiff1d(group, one))
+            covar = np.linalg.inv(information[np.ix_(kept, kept)])
+            at = int(np.flatnonzero(kept == one)[0])
+            sd, size = float(np.sqrt(covar[at, at])) * scale[one], self.size[one]
+            value = float(covar[at] @ push[kept]) * scale[one]
+            share = 1 - (sd / size) ** 2
+            found.append((value, sd, value / (sd * math.sqrt(share)) if share > TOLD else math.nan))
+        value, sd, z = np.array(found).reshape(-1, 3).T
+        return value, sd, z
 
     @property
     def covariance(self) -> Float:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,11 +13,18 @@ from plain import plain_fit
 from scipy import optimize, stats
 from sentences import hear, refuses
 from slow_cases import slow_but
+from synthetic import TYPICAL
 
 import rotorfit as rf
 from rotorfit.base.array_types import ComplexArray
 from rotorfit.show.plots.journal import journal_lines
 
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+
+import error_populations as rigs
+
+PAIRS = ("disk and journal", "chain of three")
+QUICK = [(kind, 3) for kind in PAIRS]
 RPM = np.pi / 30
 CLEARANCE = 200e-6
 SHARES = {"disk": 0.6, "journal": 0.4}
@@ -228,3 +237,62 @@ def test_saved_and_on_the_command_line(tmp_path, capsys) -> None:
     assert "--probes quarter=0.6*disk+0.4*journal" in report.replace("&#x27;", "")
     assert main([*words[:-6], "--probes", "quarter=disk"]) == 2
     hear(capsys.readouterr().err)
+
+
+# ---- a probe that reads low --------------------------------------------------------------------------------------
+
+
+def of_benchmark(kind: str, number: int, plane: str) -> tuple[rf.FitResult, rigs.Rotor]:
+    """A fit of a rig by the equations of the benchmark whose probe at one plane reads 5 % low."""
+    row, rotor = rigs.Row(kind=kind), rigs.rotor_of(kind, number, 1)
+    off = {f"gain[{plane}]": np.log(0.95)} if plane else {}
+    test = rigs.responses(rotor, rigs.sweep_of(rotor, row), off, row, np.random.default_rng([5, number]))
+    known = rigs.known_of(kind, rotor)
+    if kind == "disk and journal":  # where the coupling is free too it takes up what the probe misses
+        known["sigma"] = 1.0
+    return rf.fit(rigs.model_of(kind), test, known=known), rotor
+
+
+def named(fit: rf.FitResult) -> set[str]:
+    """Planes whose probes are said to be off, those that explain it as well included."""
+    return {name for row in fit.causes.found for name in (row.name, *row.rivals) if name.startswith("gain[")}
+
+
+@pytest.mark.parametrize(("kind", "count"), slow_but([(k, n) for k in PAIRS for n in (3, 20)], *QUICK))
+def test_a_probe_that_reads_low_is_named_and_a_right_one_is_not(kind: str, count: int) -> None:
+    planes = rigs.PLANES[kind]
+    for number in range(count):
+        plane = planes[number % len(planes)]
+        fit, _ = of_benchmark(kind, number, plane)
+        assert f"gain[{plane}]" in named(fit)
+        assert len(named(fit)) == (1 if len(planes) == 3 else 2)  # two planes tell a ratio
+        first = fit.causes.found[0]
+        assert abs(first.alone[0]) == pytest.approx(0.051, abs=4 * first.alone[1])
+        assert f'known={{"beta{planes.index(first.name[5:-1]) + 1}": None}}' in fit.summary()
+        assert not named(of_benchmark(kind, number, "")[0])
+
+
+def test_two_disks_say_which_ratio_is_off_and_what_frees_it() -> None:
+    model, true = rf.models.TwoDisk(), {**TYPICAL["two-disk"], "D12": 7.0}
+    w = np.linspace(300, 6000, 40)
+    test = rf.simulate(model, true, speed_rpm=[1000], frequency_rpm=[*-w, *w], force=1.0, noise=0.005, seed=1)
+    low = replace(test, response=np.where(test.plane == "outboard", 0.95, 1.0) * test.response)
+    assert named(rf.fit(model, low)) == {"gain[inboard]", "gain[outboard]"}
+    assert not named(rf.fit(model, test))
+    freed = rf.fit(model, low, known={"beta2": None})
+    assert freed.params["beta2"].value == pytest.approx(0.95, abs=0.01)
+
+
+@pytest.mark.parametrize("plane", ["left", "disk"])
+def test_refine_tries_factors_of_probes_before_blocks(plane: str) -> None:
+    """A chain with a probe 5 % low: the factor explains all, and K0 and masses are those of the rig."""
+    fit, rotor = of_benchmark("chain of three", 1, plane)
+    found = rf.refine(fit)
+    factor = f"beta{rigs.PLANES['chain of three'].index(plane) + 1}"
+    assert f"factor of the probe at {plane} ({factor})" in str(found)
+    assert any(f"the probe at {plane} reads 0.9" in said for said in found.best.warnings)
+    for name, true in ((factor, 0.95), ("K0", rotor.K0), ("M1", float(rotor.M[0])), ("D", rotor.D)):
+        low, high = found.best.params[name].interval(0.999)
+        assert low < true < high, name
+    plain = rf.refine(of_benchmark("chain of three", 1, "")[0])
+    assert "factor of the probe" not in str(plain)

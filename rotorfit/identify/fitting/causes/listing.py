@@ -76,6 +76,13 @@ def listed(
     return tuple(cause for cause in sized if cause.size > 0 and math.isfinite(cause.size))
 
 
+def probe_factors(model: RotorModel) -> dict[str, str]:
+    """Names of the factors of probes that a model can have, by the plane that is read."""
+    names = {plane: f"beta{number}" for number, plane in enumerate(model.read_planes, 1)}
+    possible = "betas" in model.options()
+    return {plane: name for plane, name in names.items() if possible or name in model.parameter_names}
+
+
 def _named(cause: Cause) -> Cause:
     """A cause with a size that is a plain number."""
     return replace(cause, size=float(cause.size))
@@ -212,7 +219,8 @@ class _Rig:
         for plane in planes if not single else ():
             if not self._free_probe(plane):
                 act = OfReadings(how="gain", plane=plane)
-                yield _cause(f"gain[{plane}]", f"gain of the probes at {plane}", act, SIZES["gain[plane]"])
+                one = _cause(f"gain[{plane}]", f"gain of the probes at {plane}", act, SIZES["gain[plane]"])
+                yield replace(one, parameter=probe_factors(self.model).get(plane, ""))
         yield _cause(
             "turned",
             "angle of the probes, from the zero of the force",
@@ -238,8 +246,7 @@ class _Rig:
 
     def _free_probe(self, plane: str) -> bool:
         """True if the factor of the probe of a plane is fitted."""
-        places = list(self.model.read_planes)
-        return plane in places and f"beta{places.index(plane) + 1}" in self.fitted
+        return probe_factors(self.model).get(plane, "") in self.fitted
 
     # ---- the rotor -------------------------------------------------------------------------------------------------
 

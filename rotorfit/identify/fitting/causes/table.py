@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from rotorfit.base.digits import significant, two_digits
 from rotorfit.base.names import unknown_name
@@ -37,6 +39,11 @@ class CauseRow:
         z: score against none; NaN where the data do not tell.
         pull: what was found over what it scatters by if the size is right; NaN likewise.
         remedy: what would tell it, or take it out.
+        parameter: of the model that is the same thing, known unless freed.
+        alone: value, standard error and score of the gain of the probes at one plane if it is the only one that is off,
+            where no other explains the data better; the data tell gains from each other, but not all from the common
+            one, which hides which of them is off.
+        rivals: names of those that explain the data as well.
     """
 
     name: str
@@ -52,17 +59,33 @@ class CauseRow:
     z: float
     pull: float
     remedy: str
+    parameter: str = ""
+    alone: tuple[float, float, float] | None = None
+    rivals: tuple[str, ...] = ()
+
+    @property
+    def score(self) -> float:
+        """The larger of its scores, beside all others and alone."""
+        alone = math.nan if self.alone is None else self.alone[2]
+        return alone if math.isnan(self.z) or abs(alone) > abs(self.z) else self.z
 
     @property
     def found(self) -> bool:
         """True if the data show it."""
-        return abs(self.z) > FOUND
+        return abs(self.score) > FOUND
+
+    @property
+    def way_out(self) -> str:
+        """What to do about one that the data show."""
+        return f'free it (known={{"{self.parameter}": None}}), or {self.remedy}' if self.parameter else self.remedy
 
     @property
     def words(self) -> str:
         """What was found, in words."""
-        value, error = two_digits(self.value, "+"), two_digits(self.stderr)
-        return f"{self.name}: {self.meaning}, {value} +- {error} {'' if self.unit == '1' else self.unit}".rstrip()
+        value, error = (self.value, self.stderr) if self.alone is None else self.alone[:2]
+        size = f"{two_digits(value, '+')} +- {two_digits(error)} {'' if self.unit == '1' else self.unit}".rstrip()
+        others = f" (or {' or '.join(self.rivals)} the other way: the data tell their ratio)" if self.rivals else ""
+        return f"{self.name}: {self.meaning}, {size}{others}"
 
 
 @dataclass(frozen=True, repr=False)
@@ -90,12 +113,12 @@ class Causes(Printed):
     def found(self) -> tuple[CauseRow, ...]:
         """Those that the data show, the clearest first."""
         found = () if self.unexplained else (row for row in self.rows if row.found)
-        return tuple(sorted(found, key=lambda row: -abs(row.z)))
+        return tuple(sorted(found, key=lambda row: -abs(row.score)))
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Those that the data show, in words; they are in the estimate and in its error already."""
-        return tuple(f"the data show {row.words}; {row.remedy}" for row in self.found)
+        return tuple(f"the data show {row.words}; {row.way_out}" for row in self.found)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -137,6 +160,7 @@ def table_of(solved: SolvedCauses | None) -> Causes:
     errors = solved.errors
     numbers = zip(solved.causes, errors.determined.tolist(), errors.value.tolist(), errors.deviation.tolist(),
                   errors.z.tolist(), errors.pull.tolist(), strict=True)  # fmt: skip
+    off = _plane_off(solved)
     return Causes(
         tuple(
             CauseRow(
@@ -153,6 +177,8 @@ def table_of(solved: SolvedCauses | None) -> Causes:
                 z=z,
                 pull=pull,
                 remedy=cause.remedy,
+                parameter=cause.parameter,
+                **off.get(cause.name, {}),
             )
             for cause, determined, value, deviation, z, pull in numbers
         ),
@@ -160,3 +186,21 @@ def table_of(solved: SolvedCauses | None) -> Causes:
         factor=solved.factor,
         unexplained=errors.widened > 1,
     )
+
+
+def _plane_off(solved: SolvedCauses) -> dict[str, dict[str, Any]]:
+    """Fields of the one plane whose gain explains the data best alone, by the name of its cause; of none without."""
+    names = [cause.name for cause in solved.causes]
+    gains = np.array([i for i, name in enumerate(names) if name.startswith("gain[")], dtype=np.intp)
+    if gains.size < 2:
+        return {}
+    value, deviation, z = solved.errors.each_alone(gains)
+    z = np.nan_to_num(z)
+    best = int(np.argmax(np.abs(z)))
+    if abs(z[best]) <= FOUND:
+        return {}
+    # Fall of chi-squared from which one of two explanations is the better one, three standard errors. Chosen.
+    clear = 9.0
+    rivals = [names[gains[i]] for i in range(gains.size) if i != best and z[i] ** 2 > z[best] ** 2 - clear]
+    found = (float(value[best]), float(deviation[best]), float(z[best]))
+    return {names[gains[best]]: {"alone": found, "rivals": tuple(rivals)}}

@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 
 from rotorfit.base.array_types import Float
-from rotorfit.base.digits import significant
+from rotorfit.base.digits import plus_minus, significant
 from rotorfit.base.text_table import Printed, text_table
 from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.estimators.inference.covariance import excess
+from rotorfit.identify.fitting.causes.listing import probe_factors
+from rotorfit.identify.fitting.causes.solution import UNLISTED
 from rotorfit.identify.fitting.fit import fitted, solve_again
 from rotorfit.identify.fitting.judge import why_not_refined, with_model_uncertainty
 from rotorfit.identify.fitting.noise.residual_study import MODEL_LIMITED_REDCHI
@@ -47,9 +49,14 @@ class Refinement(Printed):
     def table(self) -> str:
         """The candidates as a table, the chosen one marked: the block each tried, and the symbols of all its blocks."""
         rows, seen = [["tried", "structure", "fitted", "redchi", "AIC", ""]], set[str]()
+        first = freed_factors(self.steps[0])
         for step in self.candidates:
-            blocks = getattr(step.model, "blocks", ())
+            blocks, factors = getattr(step.model, "blocks", ()), freed_factors(step)
             new = [f"+ {block.replace('_', ' ')} ({block_symbols([block])})" for block in blocks if block not in seen]
+            if not blocks:
+                new = [
+                    f"+ factor of the probe at {plane} ({factors[plane]})" for plane in factors if plane not in first
+                ]
             *before, tried = new or ["all blocks" if blocks else "as printed"]
             seen |= set(blocks)
             mark = "<- chosen" if step is self.best else ""
@@ -70,8 +77,9 @@ def structure_name(model: RotorModel) -> str:
 def refine(fit: FitResult) -> Refinement:
     """Try every structural block, whole, beside those that lowered AIC so far, and choose the smallest good candidate.
 
-    A block is taken in where it lowers AIC by more than AIC scatters for nested models that are both right: the square
-    root of twice the number of values added, 2 to 4 as a rule.
+    Factors of probes are tried first, as many as the data can tell: where they alone explain what the plain model
+    misses, they stay in it. A block is taken in where it lowers AIC by more than AIC scatters for nested models that
+    are both right: the square root of twice the number of values added, 2 to 4 as a rule.
 
     No candidate is the rotor itself: BIC, which looks for the true one, ends the selection while neglected
     terms still move lam by more than its error; AIC (Akaike 1974) takes a block in while that pays.
@@ -121,7 +129,7 @@ def refine(fit: FitResult) -> Refinement:
             whirl = threshold_speed(mine.model, mine.thetas[group])
             ratio = math.nan if whirl is None else whirl.whirl_ratio
             onsets.append(Onset(speed=onset.value, stderr=onset.stderr, difference=apart, whirl_ratio=ratio))
-    warnings = (*chosen.warnings, *_warnings(fit, chosen))
+    warnings = (*chosen.warnings, *_probes_off(fit, chosen, steps), *_warnings(fit, chosen))
     chosen = replace(chosen, settings=replace(chosen.settings, onsets=tuple(onsets)), warnings=warnings)
     return Refinement(tuple(steps), chosen)
 
@@ -142,6 +150,8 @@ def _select(fit: FitResult, *, may_leave_open: bool) -> tuple[FitResult, list[Fi
         pays = step.success and gains and (may_leave_open or not step.identifiability.unresolved)
         return step if pays else best
 
+    for step in _with_probe_factors(best, steps):
+        best = step
     for block in BLOCKS:
         # Every block is tried, also after one that brings nothing.
         if block not in best.model.blocks:  # type: ignore[attr-defined]
@@ -149,6 +159,38 @@ def _select(fit: FitResult, *, may_leave_open: bool) -> tuple[FitResult, list[Fi
     if not any(step.model.blocks == BLOCKS for step in steps):  # type: ignore[attr-defined]
         best = try_with(BLOCKS)  # and those that only pay together
     return best, steps
+
+
+def freed_factors(fit: FitResult) -> dict[str, str]:
+    """Names of the factors of probes that a fit has freed, by plane."""
+    fitted_names = {bare_name(name) for name, p in fit.params.items() if p.vary}
+    return {plane: name for plane, name in probe_factors(fit.model).items() if name in fitted_names}
+
+
+def _with_probe_factors(plain: FitResult, steps: list[FitResult]) -> Iterator[FitResult]:
+    """The fit with the factors of some probes, where these alone explain what it misses; all that were tried join the
+    steps. Blocks of the structure would follow a probe that is off, and a factor a little of whatever is missing: it
+    has to explain all."""
+    best, read = plain, {plane for test in plain.experiments for plane in getattr(test, "planes", ())}
+    while not _explained(best) and len(freed_factors(best)) + 1 < len(read):
+        left = [name for plane, name in probe_factors(plain.model).items() if plane in read]
+        tried = [_free(best, name) for name in left if name not in freed_factors(best).values()]
+        steps += tried
+        best = min((step for step in tried if step.success), key=lambda step: step.aic, default=plain)
+        if best is plain:
+            return
+    if best is not plain and _explained(best) and not best.identifiability.unresolved:
+        yield best
+
+
+def _explained(fit: FitResult) -> bool:
+    return fit.redchi <= max(fit.largest_redchi, UNLISTED)
+
+
+def _free(fit: FitResult, name: str) -> FitResult:
+    """The fit with a value freed that its model fixes by default."""
+    freed = replace(fit.settings.asked, known={**fit.settings.known, name: None}, causes=None)
+    return fitted(fit.model, fit.experiments, freed)
 
 
 def _hidden(step: FitResult) -> dict[str, Any]:
@@ -168,6 +210,24 @@ def _hidden(step: FitResult) -> dict[str, Any]:
 
     prior_deviations = 3.0  # gyroscopic effects of a plane over those of another
     return {p.name: norm(0.0, prior_deviations * max(sizes)) for p in own if not p.resolved}
+
+
+def _probes_off(plain: FitResult, chosen: FitResult, steps: Sequence[FitResult]) -> Iterator[str]:
+    """Factors of probes that explain what the plain model misses, and those that do so as well."""
+    before = freed_factors(plain)
+    new = {plane: factor for plane, factor in freed_factors(chosen).items() if plane not in before}
+    alike = 9.0  # fall of chi-squared within which two explanations are as good, three standard errors. Chosen.
+    sets = [(s.aic, set(freed_factors(s)) - set(before)) for s in steps if not getattr(s.model, "blocks", ())]
+    least = min((aic for aic, planes in sets if planes == set(new)), default=math.nan)
+    near = [planes for aic, planes in sets if len(planes) == len(new) and aic < least + alike]
+    others = [" and ".join(sorted(planes)) for planes in near if planes != set(new)]
+    for plane, factor in new.items():
+        p = chosen.params[factor]
+        beside = f", or that at {' or '.join(others)} as much the other way" if others else ""
+        yield (
+            f"the probe at {plane} reads {plus_minus(p.value, p.stderr)} of the motion ({factor}){beside}: that "
+            "explains what the plain model missed. Factors of probes were tried before blocks of the structure"
+        )
 
 
 def _warnings(plain: FitResult, chosen: FitResult) -> Iterator[str]:
@@ -193,7 +253,7 @@ def _warnings(plain: FitResult, chosen: FitResult) -> Iterator[str]:
 def _model_uncertainty(best: FitResult, steps: Sequence[FitResult]) -> Float:
     """Covariance of the choice among candidates by AIC weights (Burnham & Anderson 2002), ``(n, n)``: chance chooses
     blocks that came out large. Errors only grow, by differences of candidates and of their errors; a missing block is
-    zero."""
+    zero, a factor of a probe that was not freed one."""
     names = best.problem.space.names
     sure = [i for i, name in enumerate(names) if best.params[name].resolved]
 
@@ -211,10 +271,10 @@ def _model_uncertainty(best: FitResult, steps: Sequence[FitResult]) -> Float:
     weight = np.exp([(best.aic - step.aic) / (2 * selection_widening * scatter) for step in candidates])
     apart, mixed = np.zeros((2, len(sure), len(sure)))
     for share, step in zip((weight / weight.sum()).tolist(), candidates, strict=True):
-        there = [k for k, i in enumerate(sure) if names[i] in step.params]
+        there = [k for k, i in enumerate(sure) if names[i] in step.var_names]
         own = [step.var_names.index(names[sure[k]]) for k in there]
-        away = -best.x[sure]
-        away[there] += step.x[own]
+        held = [step.params[names[i]].value if names[i] in step.params else 0.0 for i in sure]
+        away = np.array(held) - best.x[sure]
         apart += share * np.outer(away, away)
         mixed[np.ix_(there, there)] += share * step.covar[np.ix_(own, own)]
     found = np.zeros((len(names), len(names)))
