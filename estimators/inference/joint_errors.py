@@ -20,7 +20,7 @@ from functools import cached_property
 import numpy as np
 
 from rotorfit.base.array_types import Bool, ComplexArray, Float, Index
-from rotorfit.estimators.noise.run_effects import inverse_of_determined
+from rotorfit.estimators.noise.run_effects import inverse_of_determined, products
 
 TOLD = 0.05
 """Determined share of a cause below which a test of it would be one of round-off and curvature. Chosen."""
@@ -249,20 +249,19 @@ def joint_step(
         size, one_sided: as for :class:`JointErrors`.
         prior, prior_slope: curvature and slope of the priors of the fitted vector.
     """
-    rows = np.hstack([_real(J), _real(B) * size])
-    residual = np.concatenate([r.real, r.imag])
-    p = J.shape[1]
-    gram = rows.T @ rows + np.diag(np.concatenate([prior, np.ones(size.size)]))
-    slope = rows.T @ residual + np.concatenate([prior_slope, np.zeros(size.size)])
-    covar, _ = inverse_of_determined(gram)
+    p, scale = J.shape[1], np.concatenate([np.ones(J.shape[1]), size, [1.0]])
+    whole = products(r, B, J, np.arange(r.size)) * np.outer(scale, scale)
+    gram, moment, square = whole[:-1, :-1], whole[:-1, -1], float(whole[-1, -1])
+    slope = moment + np.concatenate([prior_slope, np.zeros(size.size)])
+    covar, _ = inverse_of_determined(gram + np.diag(np.concatenate([prior, np.ones(size.size)])))
     step = -covar @ slope
     own = step[p:]
     if (one_sided & (own < 0)).any():
         held = nearest_of_one_sign(own, covar[p:, p:], one_sided)
         step = step + covar[:, p:] @ np.linalg.solve(covar[p:, p:], held - own)
         step[p:] = held
-    left = residual + rows @ step
-    return step[:p], step[p:] * size, float(left @ left) + float(step[p:] @ step[p:])
+    left = square + float((2 * moment + gram @ step) @ step)
+    return step[:p], step[p:] * size, left + float(step[p:] @ step[p:])
 
 
 def error_factor(pulls: Sequence[float]) -> float:

@@ -19,7 +19,7 @@ import numpy as np
 
 from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.base.significance import CHANCE_ERRORS, P_UNLIKELY
-from rotorfit.estimators.noise.run_effects import LEAST_RESIDUAL_SHARE, powers, real_rows
+from rotorfit.estimators.noise.run_effects import LEAST_RESIDUAL_SHARE, cached, powers, real_rows
 from rotorfit.estimators.noise.sweep_noise import LINES_OF_A_LEVEL, NOISE_FLOOR
 
 _RATIOS = np.concatenate([[0.0], np.logspace(-2.5, 4.5, 22), [np.inf]])
@@ -125,10 +125,15 @@ def memory(r: ComplexArray, sensitivities: ComplexArray, outer: Float, sweeps: S
     """Correlation along sweeps of residuals of a fit with these sensitivities and covariance ``outer``."""
     order = np.concatenate(sweeps)
     number = np.repeat(np.arange(len(sweeps)), [rows.size for rows in sweeps])
-    along, own = r[order], real_rows(sensitivities[order])
-    # A fit takes its share of every reading and makes neighbours oppose one another a little.
-    moved = np.mean(np.abs(r) ** 2) / 2 * (outer @ own)
-    total = float(np.sum(np.abs(along) ** 2) + np.sum(own * moved))
+    along = r[order]
+
+    def moved(lag: int) -> float:
+        """Sum of products that a fit brings about: it takes its share of every reading, and makes neighbours oppose
+        one another a little."""
+        products = _lagged_products(sensitivities, order, number, lag)
+        return float(np.mean(np.abs(r) ** 2) / 2 * np.sum(outer * products))
+
+    total = float(np.sum(np.abs(along) ** 2)) + moved(0)
     found: list[float] = []
     z, fades = 0.0, False
     # Distance, in lines, up to which neighbours are looked at, and never more than a third of a sweep: filters of an
@@ -137,7 +142,7 @@ def memory(r: ComplexArray, sensitivities: ComplexArray, outer: Float, sweeps: S
     for lag in range(1, max(1, min(longest_lag, min(rows.size for rows in sweeps) // 3)) + 1):
         same = number[lag:] == number[:-lag]
         product = (along[lag:] * along[:-lag].conj()).real * same
-        amount = float(product.sum() + powers(moved[:, 2 * lag :], own[:, : -2 * lag]) @ same)
+        amount = float(product.sum()) + moved(lag)
         chance = float(np.sqrt(np.sum(product**2)))
         if lag == 1:
             z = amount / chance if chance > 0 else 0.0
@@ -148,6 +153,17 @@ def memory(r: ComplexArray, sensitivities: ComplexArray, outer: Float, sweeps: S
         if lag > 1:
             found.append(amount / total)
     return Memory(first=found[0], z=z, lags=tuple(found) if z > CHANCE_ERRORS else (), fades=fades)
+
+
+def _lagged_products(sensitivities: ComplexArray, order: Index, number: Index, lag: int) -> Float:
+    """Products of sensitivities with those some readings further along the same sweep, shape ``(p, p)``."""
+    total = np.zeros((sensitivities.shape[1],) * 2)
+    for some in cached(np.arange(order.size - lag)):
+        first, last = some[0], some[-1] + 1
+        same = np.repeat(number[first + lag : last + lag] == number[first:last], 2)
+        own = real_rows(sensitivities[order[first : last + lag]])
+        total += own[:, 2 * lag :] @ (own[:, : 2 * some.size] * same).T
+    return total
 
 
 def scatter(own: ComplexArray, sweeps: Sequence[Index], lags: Sequence[float]) -> Float:

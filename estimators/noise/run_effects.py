@@ -7,7 +7,7 @@ restricted likelihood (Patterson and Thompson 1971). All of it is done with one 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,19 +35,17 @@ class MixedModel:
 
     @classmethod
     def of(cls, r: ComplexArray, J: ComplexArray, Z: ComplexArray, runs: Sequence[Index], prior: Float) -> MixedModel:
-        """Sums of whitened residuals and sensitivities."""
-        k, p = Z.shape[1], J.shape[1]
-        stacked = np.concatenate([real_rows(Z), real_rows(J), r.view(float)[None]])
-        whole = stacked[k:-1] @ stacked[k:].T
-        parts = np.array([part[:k] @ part.T for part in (_of_run(stacked, rows) for rows in runs)])
-        parts = parts.reshape(len(runs), k, k + p + 1)
+        """Sums of whitened residuals and sensitivities of all readings, each in one of the runs if there are any."""
+        k = Z.shape[1]
+        parts = np.array([products(r, J, Z, rows) for rows in runs or [np.arange(r.size)]])
+        whole, mine = parts.sum(axis=0), parts[: len(runs), :k]
         return cls(
-            gram=parts[:, :, :k],
-            cross=parts[:, :, k:-1],
-            moment=parts[:, :, -1],
-            information=whole[:, :-1] + np.diag(prior),
-            gradient=whole[:, -1],
-            square=float(np.vdot(r, r).real),
+            gram=mine[:, :, :k],
+            cross=mine[:, :, k:-1],
+            moment=mine[:, :, -1],
+            information=whole[k:-1, k:-1] + np.diag(prior),
+            gradient=whole[k:-1, -1],
+            square=float(whole[-1, -1]),
         )
 
     def part(self, kinds: Sequence[int] | Index) -> MixedModel:
@@ -131,17 +129,20 @@ class MixedSolution:
 
     def residuals(self, r: ComplexArray, J: ComplexArray, Z: ComplexArray, runs: Sequence[Index]) -> Residuals:
         """Residuals after the step, effects taken out."""
-        own = real_rows(J)
-        left, leverage = r.view(float) + self.step @ own, np.zeros(r.size)
-        if Z.shape[1]:
-            effects, left_parts, own_parts = real_rows(Z), left.reshape(-1, 2), own.reshape(len(own), -1, 2)
-            for rows, value, onto, inner in zip(runs, self.own, self.onto, self.inner, strict=True):
-                mine = _of_run(effects, rows)
-                left_parts[rows] += (value @ mine).reshape(-1, 2)
-                own_parts[:, rows] -= (onto.T @ mine).reshape(len(own), -1, 2)
-                leverage[rows] = powers(inner @ mine, mine)
-        leverage += powers(self.outer @ own, own)
-        return Residuals(values=left.view(complex), sensitivities=own.view(complex).T, leverage=leverage / 2)
+        found = Residuals(values=r.copy(), sensitivities=np.empty_like(J), leverage=np.zeros(r.size))
+        for number, rows in enumerate(runs or [np.arange(r.size)]):
+            for some in cached(rows):
+                own, effects = real_rows(J[some]), real_rows(Z[some])
+                values = found.values[some].view(float) + self.step @ own
+                leverage = np.zeros(some.size)
+                if len(effects):
+                    values += self.own[number] @ effects
+                    own -= self.onto[number].T @ effects
+                    leverage += powers(self.inner[number] @ effects, effects)
+                leverage += powers(self.outer @ own, own)
+                found.values[some], found.sensitivities[some] = values.view(complex), own.view(complex).T
+                found.leverage[some] = leverage / 2
+        return found
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -158,15 +159,26 @@ def real_rows(columns: ComplexArray) -> Float:
     return np.array(columns.T, order="C").view(float)
 
 
+def products(r: ComplexArray, J: ComplexArray, Z: ComplexArray, rows: Index) -> Float:
+    """Products of effects, sensitivities and residuals of some readings with one another, in this order."""
+    size = Z.shape[1] + J.shape[1] + 1
+    total = np.zeros((size, size))
+    for some in cached(rows):
+        own = real_rows(np.hstack([Z[some], J[some], r[some, None]]))
+        total += own @ own.T
+    return total
+
+
 def powers(left: Float, right: Float) -> Float:
     """Sum over rows, and over both parts of each reading, of products, shape ``(R,)``."""
     found = np.einsum("kr,kr->r", left, right)
     return np.asarray(found[::2] + found[1::2])
 
 
-def _of_run(parts: Float, rows: Index) -> Float:
-    """Both parts of some readings, of rows with those of all."""
-    return parts.reshape(len(parts), -1, 2)[:, rows].reshape(len(parts), -1)
+def cached(rows: Index) -> Iterator[Index]:
+    """Readings in parts whose columns stay in the cache of the processor."""
+    at_once = 4096
+    return (rows[first : first + at_once] for first in range(0, rows.size, at_once))
 
 
 def select_effects(model: MixedModel, *, level: float, forced: Sequence[int] = ()) -> Float:
