@@ -15,7 +15,7 @@ from rotorfit.base.text_table import text_table
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.summary import fit_table
-from rotorfit.lab.data.experiments import DisplacementTest, Experiment, PerturbationTest, StaticTest
+from rotorfit.lab.data.experiments import Experiment
 from rotorfit.lab.data.findings import Finding
 
 
@@ -51,46 +51,18 @@ def describe_test(test: Experiment, findings: Sequence[Finding]) -> str:
     speeds = np.unique(np.round(test.set_speed * RPM_PER_RAD_S, 3))
     span = f"{speeds[0]:g} to {speeds[-1]:g} rpm" if speeds.size > 4 else ", ".join(f"{s:g}" for s in speeds) + " rpm"
     w = test.frequencies * RPM_PER_RAD_S
-    kind = test.title
-    lines = []
-    if isinstance(test, PerturbationTest):
-        kind = "synchronous test" if test.synchronous else kind
-        lines.append(f"  forced at    {', '.join(test.forces)}")
-        channels = dict.fromkeys(zip(test.plane.tolist(), test.direction.tolist(), strict=True))
-        lines.append(f"  measured at  {', '.join(map(' '.join, channels))}")
-    elif test.planes:
-        lines.append(f"  measured at  {', '.join(test.planes)}")
-    lines = [f"{test.source or 'data'}: {kind}, {test.size_in_words}", *lines, f"  speed        {span}"]
+    lines = [f"{test.source or 'data'}: {test.kind}, {test.size_in_words}"]
+    lines += [f"  forced at    {', '.join(test.forces)}"] if test.forces else []
+    lines += [f"  measured at  {', '.join(test.probes)}"] if test.probes else []
+    lines.append(f"  speed        {span}")
     if w.size:
         turning = "" if (w > 0).all() or (w < 0).all() else " (negative: backward whirl)"
         lines.append(f"  frequency    {significant(w.min(), 5)} to {significant(w.max(), 5)} rpm{turning}")
-    lines += _sizes(test)
+    lines += [_range(*one) for one in test.sizes]
     if test.attributes:
         lines.append(f"  attributes   {', '.join(test.attributes)}")
     lines += [f"  check: {finding}" for finding in findings] or ["  check: nothing found"]
     return "\n".join(lines)
-
-
-def _sizes(test: Experiment) -> list[str]:
-    """How large readings and forces are, in the units that they were taken to have."""
-    match test:
-        case PerturbationTest():
-            lateral = ~np.char.startswith(test.direction, "r")
-            moved, forced = np.abs(test.response[lateral]), np.abs(test.force)
-        case DisplacementTest():
-            moved, forced = np.abs(test.displacement), np.hypot(np.abs(test.force_x), np.abs(test.force_y)) / np.sqrt(2)
-        case StaticTest():
-            return [_range("load", np.abs(test.load), "N"), _range("position", np.abs(test.displacement) * 1e6, "um")]
-        case _:
-            return []
-    found = [_range("amplitude", moved * 1e6, "um 0-peak")] if moved.size else []
-    if isinstance(test, PerturbationTest) and test.frequency.all():
-        weight = forced / test.frequency**2 * 1e6
-        if (
-            np.ptp(weight) * forced.max() < np.ptp(forced) * weight.max()
-        ):  # it is the weight that is held, not the force
-            return [*found, _range("unbalance", weight, "g mm")]
-    return [*found, _range("force", forced, "N")]
 
 
 def _range(name: str, values: Float, unit: str) -> str:

@@ -131,8 +131,8 @@ def _numbers(test: Experiment, finite: Bool) -> Iterator[Finding]:
     if (sigma <= 0).any():
         text = f"The noise sigma is not positive in {(sigma <= 0).sum()} rows; NaN stands for unknown noise."
         yield Finding("error", "sigma", text, rows_of(sigma <= 0))
-    still = test.force == 0 if isinstance(test, PerturbationTest) else np.zeros(0, dtype=bool)
-    if not isinstance(test, PerturbationTest) or not still.any():
+    still = test.unforced
+    if not still.any():
         return
     if still.all() and test.synchronous:
         yield Finding("warning", "reference-run", _REFERENCE)

@@ -24,10 +24,7 @@ _AMPLITUDES_COMPARED = 20  # distinct amplitudes that show the step
 def amplitudes(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
     """Amplitudes that are too large or too small to be true, which no fit notices: stiffnesses are scaled alike."""
     lever = 0.1  # lever of slopes, m: one of 0.25 rad is as impossible as a displacement of 25 mm
-    if isinstance(test, PerturbationTest):
-        size = np.abs(test.response) * np.where(np.char.startswith(test.direction, "r"), lever, 1.0)
-    else:
-        size = np.abs(test.displacement)
+    size = np.abs(test.motion) * np.where(test.lateral, 1.0, lever)
     largest = float(size.max())
     # Displacements, m: beyond what shakers and machines do, though small rigs come to it in mil instead of um; larger
     # than any clearance in use; and the largest of a sweep that hardly shows
@@ -51,7 +48,7 @@ def amplitudes(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
 
 def copied_readings(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
     """Readings, and runs, that are there twice."""
-    read = test.response if isinstance(test, PerturbationTest) else test.displacement
+    read = test.motion
     if not (np.diff(np.sort(read.real)) == 0).any():
         return
     number, count = np.unique(read, return_inverse=True, return_counts=True)[1:]
@@ -72,9 +69,7 @@ def copied_runs(tests: Sequence[Experiment]) -> list[list[Finding]]:
     """Runs all of whose readings a run before it has, to the last digit, for each of several tests."""
     copies = copies_among([run_digests(test) for test in tests], [test.source for test in tests])
     return [
-        [copies_finding(own, rows_of(np.isin(test.run, list(own))))]
-        if own and isinstance(test, PerturbationTest)
-        else []
+        [copies_finding(own, rows_of(np.isin(test.run, list(own))))] if own else []
         for test, own in zip(tests, copies, strict=True)
     ]
 

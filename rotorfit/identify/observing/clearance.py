@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
 from rotorfit.estimators.blocks.row_keys import distinguished, rows_by
 from rotorfit.estimators.noise.sweep_noise import FEWEST_LINES
 from rotorfit.identify.observing.rows import LARGEST_MEASURED_ECCENTRICITY
-from rotorfit.lab.data.experiments import DisplacementTest, Experiment, ImpulseTest, PerturbationTest, StaticTest
+from rotorfit.lab.data.experiments import Experiment, PerturbationTest
 from rotorfit.models import RotorModel
 from rotorfit.models.motion.journal import journal
 
@@ -20,14 +19,14 @@ def _within_clearance(model: RotorModel, test: Experiment) -> tuple[Experiment, 
     readings of such a line go: they would be compared with a wrong orbit. Where there are many, the test is left as it
     is, and is refused when it is observed."""
     clearance = model.clearance or np.nan
-    size = _excursion(model, test, clearance)
+    size = test.excursion(model.coordinates[journal(model).at].plane, clearance)
     beyond = size > LARGEST_MEASURED_ECCENTRICITY * clearance
     slips_share = 0.05  # share of a test's readings that may be slips of the instruments
     if not 0 < np.count_nonzero(beyond) <= max(1.0, slips_share * np.isfinite(size).sum()):
         return test, ""
-    line = _same_line(test)
+    line = test.same_place
     out = np.isin(line, line[beyond])
-    swept = isinstance(test, PerturbationTest | DisplacementTest)
+    swept = test.motion.size == test.frequencies.size
     where = [
         (k, f"{significant(test.frequencies[k], 4)} rad/s" if swept else f"row {k + 1}") for k in np.flatnonzero(beyond)
     ]
@@ -38,32 +37,6 @@ def _within_clearance(model: RotorModel, test: Experiment) -> tuple[Experiment, 
         f"lie beyond the clearance of {significant(clearance * 1e6, 4)} um, up to "
         f"{significant(np.nanmax(size) * 1e6, 4)} um, and are left out ({named})"
     )
-
-
-def _excursion(model: RotorModel, test: Experiment, clearance: float) -> Float:
-    """How far the journal went by each reading, m, NaN where the reading is not of the journal."""
-    place = model.coordinates[journal(model).at].plane
-    match test:
-        case PerturbationTest() if test.static_position is not None:
-            return np.abs(test.static_position)
-        case PerturbationTest():
-            lateral = (test.plane == place) & ~np.char.startswith(test.direction, "r")
-            return np.where(lateral, np.abs(test.response), np.nan)
-        case DisplacementTest() | StaticTest():
-            return np.where(test.plane == place, np.abs(test.displacement), np.nan)
-        case ImpulseTest():
-            return np.where(np.isnan(test.eccentricity), np.abs(test.position), test.eccentricity * clearance)
-    return np.full(len(test), np.nan)
-
-
-def _same_line(test: Experiment) -> NDArray[np.intp]:
-    """Rows that share the journal's position."""
-    match test:
-        case PerturbationTest():
-            return distinguished(test.run, test.set_speed, test.frequency, test.force_plane)[1]
-        case StaticTest():
-            return distinguished(test.run, test.speed, test.load_plane, test.load)[1]
-    return np.arange(len(test))
 
 
 def usable(model: RotorModel, test: Experiment) -> tuple[Experiment, tuple[str, ...]]:
@@ -97,7 +70,7 @@ def _off_jumps(model: RotorModel, test: Experiment) -> tuple[Experiment, str]:
         ending += [row for place in places for row in rows[max(place + 1 - lines_before, 0) : place + 1].tolist()]
     if not ending:
         return test, ""
-    line = _same_line(test)
+    line = test.same_place
     out = np.isin(line, line[ending])
     return test.select(~out), (
         f"{test.source or test.title}: {jumps} jumps from one orbit to another; the last {lines_before} lines before "

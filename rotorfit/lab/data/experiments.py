@@ -90,6 +90,73 @@ class _Rows:
         """Tested or measured frequencies, rad/s; none for constant loads and records."""
         return np.asarray(getattr(self, "frequency", np.zeros(0)))
 
+    @property
+    def kind(self) -> str:
+        """What the experiment is, in words."""
+        return self.title
+
+    @property
+    def synchronous(self) -> bool:
+        """True if every reading is a response at once-per-turn frequency."""
+        return False
+
+    @property
+    def motion(self) -> ComplexArray:
+        """Motion that each row read or imposed, m, of slopes rad; empty where a kind has none."""
+        return np.zeros(0, dtype=complex)
+
+    @property
+    def lateral(self) -> Bool:
+        """Rows that are no slopes of the shaft, shape ``(R,)``."""
+        return np.ones(len(self), dtype=bool)
+
+    @property
+    def unforced(self) -> Bool:
+        """Rows of responses that no force brought about, shape ``(R,)``."""
+        return np.zeros(len(self), dtype=bool)
+
+    @property
+    def same_place(self) -> Index:
+        """Number of each row, the same where rows share one position of the journal, shape ``(R,)``."""
+        return np.arange(len(self))
+
+    @property
+    def probes(self) -> tuple[str, ...]:
+        """Plane, and direction where it is told, of each probe in order of appearance."""
+        return self.planes
+
+    @property
+    def forces(self) -> tuple[str, ...]:
+        """Planes of forces that turn or go with a frequency, in order of appearance, as a test names them."""
+        return ()
+
+    @property
+    def force_planes(self) -> tuple[str, ...]:
+        """Planes of all forces and loads in order of appearance."""
+        return ()
+
+    @property
+    def sizes(self) -> tuple[tuple[str, Float, str], ...]:
+        """Names of what was read and what brought it about, the sizes of these, and their units."""
+        return ()
+
+    def excursion(self, plane: str, clearance: float) -> Float:
+        """How far the journal at a plane went by each reading, m, NaN where the reading is not of it, ``(R,)``.
+
+        Args:
+            plane: of the journal.
+            clearance: of its bearing, m.
+        """
+        return np.full(len(self), np.nan)
+
+    def with_forces(self, change: Callable[[ComplexArray], ComplexArray]) -> Self:
+        """The experiment with other forces where turning forces were applied, and as it is elsewhere.
+
+        Args:
+            change: from one force of each row, N, shape ``(R,)``, to another.
+        """
+        return self
+
     def __repr__(self) -> str:
         """Kind and size of the experiment, on one line; the arrays are its attributes."""
         rpm = np.unique(np.round(self.set_speed * RPM_PER_RAD_S, 3))
@@ -332,6 +399,54 @@ class PerturbationTest(_Rows):
         return tuple(dict.fromkeys([*words(self.force_plane)[0], *further]))
 
     @property
+    def kind(self) -> str:
+        """What the experiment is, in words."""
+        return "synchronous test" if self.synchronous else self.title
+
+    @property
+    def motion(self) -> ComplexArray:
+        """The responses."""
+        return self.response
+
+    @property
+    def lateral(self) -> Bool:
+        """Rows that are no slopes of the shaft, shape ``(R,)``."""
+        return ~np.char.startswith(self.direction, "r")
+
+    @property
+    def unforced(self) -> Bool:
+        """Rows without a force, shape ``(R,)``."""
+        return np.asarray(self.force == 0)
+
+    @property
+    def same_place(self) -> Index:
+        """Number of the run, speed, frequency and force of each row, shape ``(R,)``."""
+        return distinguished(self.run, self.set_speed, self.frequency, self.force_plane)[1]
+
+    @property
+    def probes(self) -> tuple[str, ...]:
+        """Plane and direction of each probe in order of appearance."""
+        pairs = zip(self.plane.tolist(), self.direction.tolist(), strict=True)
+        return tuple(dict.fromkeys(map(" ".join, pairs)))
+
+    @property
+    def sizes(self) -> tuple[tuple[str, Float, str], ...]:
+        """Amplitudes, and forces or, where it is the weight that was held, unbalances."""
+        moved, forced = np.abs(self.response[self.lateral]) * 1e6, np.abs(self.force)
+        found = (("amplitude", moved, "um 0-peak"),) if moved.size else ()
+        if self.frequency.all():
+            weight = forced / self.frequency**2 * 1e6
+            if np.ptp(weight) * forced.max() < np.ptp(forced) * weight.max():
+                return (*found, ("unbalance", weight, "g mm"))
+        return (*found, ("force", forced, "N"))
+
+    def excursion(self, plane: str, clearance: float) -> Float:
+        """See any experiment; of a test about an equilibrium its distance from the centre."""
+        if self.static_position is not None:
+            return np.abs(self.static_position)
+        return np.where((self.plane == plane) & self.lateral, np.abs(self.response), np.nan)
+
+    @property
     def synchronous(self) -> bool:
         """True if every reading is at once-per-turn frequency."""
         return bool(len(self) and once_per_turn(self.frequency, self.speed).all())
@@ -398,6 +513,22 @@ class DisplacementTest(_Rows):
     force_y: ComplexArray
     sigma: Float
 
+    @property
+    def motion(self) -> ComplexArray:
+        """The imposed orbits."""
+        return self.displacement
+
+    @property
+    def sizes(self) -> tuple[tuple[str, Float, str], ...]:
+        """Amplitudes and forces."""
+        forced = np.hypot(np.abs(self.force_x), np.abs(self.force_y)) / np.sqrt(2)
+        found = (("amplitude", np.abs(self.displacement) * 1e6, "um 0-peak"),) if len(self) else ()
+        return (*found, ("force", forced, "N"))
+
+    def excursion(self, plane: str, clearance: float) -> Float:
+        """See any experiment."""
+        return np.where(self.plane == plane, np.abs(self.displacement), np.nan)
+
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class StaticTest(_Rows):
@@ -421,6 +552,25 @@ class StaticTest(_Rows):
     plane: Text
     displacement: ComplexArray
     sigma: Float
+
+    @property
+    def motion(self) -> ComplexArray:
+        """The displacements."""
+        return self.displacement
+
+    @property
+    def same_place(self) -> Index:
+        """Number of the run, speed and load of each row, shape ``(R,)``."""
+        return distinguished(self.run, self.speed, self.load_plane, self.load)[1]
+
+    @property
+    def sizes(self) -> tuple[tuple[str, Float, str], ...]:
+        """Loads and positions."""
+        return ("load", np.abs(self.load), "N"), ("position", np.abs(self.displacement) * 1e6, "um")
+
+    def excursion(self, plane: str, clearance: float) -> Float:
+        """See any experiment."""
+        return np.where(self.plane == plane, np.abs(self.displacement), np.nan)
 
     @property
     def force_planes(self) -> tuple[str, ...]:
@@ -461,6 +611,10 @@ class ImpulseTest(_Rows):
                 f"{self.source or 'impulse test'}: damping_ratio {self.damping_ratio[bad][0]:g} in row "
                 f"{np.flatnonzero(bad)[0] + 1}; a mode that vibrates has one between -1 and 1"
             )
+
+    def excursion(self, plane: str, clearance: float) -> Float:
+        """Where the journal rests."""
+        return np.where(np.isnan(self.eccentricity), np.abs(self.position), self.eccentricity * clearance)
 
     @property
     def eigenvalue(self) -> ComplexArray:

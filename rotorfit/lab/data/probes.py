@@ -91,7 +91,4 @@ def resolve_probe_angles(test: PerturbationTest, angles: Mapping[str, tuple[floa
 def at_common_zero(experiments: Sequence[Experiment], datum: float) -> tuple[Experiment, ...]:
     """Experiments with their turning forces counted from the zero of the readings."""
     turn = np.exp(1j * datum)
-    return tuple(
-        test.with_forces(lambda force: force * turn) if isinstance(test, PerturbationTest) else test
-        for test in experiments
-    )
+    return tuple(test.with_forces(lambda force: force * turn) for test in experiments)

@@ -278,7 +278,7 @@ MOST_DWELLS = 8
 _REPEAT = re.compile(r"(.+)-\d+")
 
 
-def dwells(test: PerturbationTest) -> bool:
+def dwells(test: Experiment) -> bool:
     """True if every run of a test has at most :data:`MOST_DWELLS` speeds."""
     number = dwell_number(test.speed)
     return all(np.unique(number[test.run == run]).size <= MOST_DWELLS for run in test.runs)

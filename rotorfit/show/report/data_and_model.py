@@ -6,7 +6,7 @@ import numpy as np
 
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.fitting.structure.refine import structure_name
-from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+from rotorfit.lab.data.experiments import Experiment
 from rotorfit.models import Constant, Law
 from rotorfit.models.motion.equation_text import stiffness_entries, to_mathml
 from rotorfit.show.report.html import Html, element, paragraph, table
@@ -52,17 +52,11 @@ def data_section(material: ReportInput) -> Html:
 
 
 def _experiment_row(test: Experiment) -> list[str]:
-    kind = test.title
-    measured = ", ".join(test.planes)
-    if isinstance(test, PerturbationTest):
-        kind = "synchronous test" if test.synchronous else "nonsynchronous perturbation test"
-        pairs = dict.fromkeys(zip(test.plane.tolist(), test.direction.tolist(), strict=True))
-        measured = ", ".join(f"{plane} {direction}" for plane, direction in pairs)
     w = test.frequencies * RPM_PER_RAD_S
     span = f"{plain(float(w.min()), 5)} to {plain(float(w.max()), 5)} rpm" if w.size else ""
-    forced = ", ".join(getattr(test, "forces", getattr(test, "force_planes", ())))
     source, counts = test.source or "data in memory", (str(len(test)), str(len(test.runs)))
-    return [source, kind, *counts, speeds_in_words(test.set_speed), span, forced, measured]
+    forced, measured = ", ".join(test.forces or test.force_planes), ", ".join(test.probes)
+    return [source, test.kind, *counts, speeds_in_words(test.set_speed), span, forced, measured]
 
 
 def model_section(material: ReportInput) -> Html:
