@@ -93,6 +93,33 @@ def check_archive(path: Path) -> None:
         check_unpacked(path.name, sum(part.file_size for part in archive.infolist()), path.stat().st_size)
 
 
+def check_sheets(path: Path) -> None:
+    """Refuse a workbook of more sheets than anybody keeps, each of which would be looked at."""
+    from zipfile import ZipFile
+
+    most = 256 * _factor()
+    with ZipFile(path) as archive:
+        sheets = sum(name.startswith("xl/worksheets/") for name in archive.namelist())
+    if sheets > most:
+        raise ValueError(f"{path.name} has {sheets} sheets; up to {most:.0f} are read; save the one that is a test")
+
+
+def beginning(path: Path, size: int) -> bytes:
+    """The first bytes of a file, which may be of any length."""
+    with path.open("rb") as stream:
+        return stream.read(size)
+
+
+def check_whole(path: Path, what: str) -> None:
+    """Refuse a text that would be read as a whole and is longer than any test."""
+    most = _factor() * (1 << 28)
+    if (size := path.stat().st_size) > most:
+        raise ValueError(
+            f"{path.name} has {size} bytes; up to {most:.0f} are read of {what}; if it is right, set the "
+            "environment variable ROTORFIT_FILE_LIMITS to 10"
+        )
+
+
 # ---- HDF5 --------------------------------------------------------------------------------------
 
 
@@ -156,12 +183,15 @@ def _refuse_nested(name: str, file: Any) -> None:
     A group that several others hold is looked into once."""
     from h5py import h5g, h5l, h5o
 
-    deepest = 100  # groups in one another
-    todo, seen = [(file["/"].id, 0)], set()
+    deepest, most = 100, 16384  # groups in one another, and entries of all together
+    todo, seen, count = [(file["/"].id, 0)], set(), 0
     while todo:
         group, depth = todo.pop()
         if depth > deepest:
             raise ValueError(f"{name}: groups stand in one another more than {deepest} deep; no test is kept so")
+        count += len(group)
+        if count > most:
+            raise ValueError(f"{name} holds more than {most} groups and data sets; no test is kept so")
         for link in group:
             if group.links.get_info(link).type == h5l.TYPE_HARD:
                 item = h5o.get_info(group, link)
@@ -305,6 +335,7 @@ def reading(name: str, kind: str, *, decoded: bool = False) -> Iterator[None]:
 def read_toml(path: Path, name: str) -> dict[str, Any]:
     """Content of a TOML file."""
     note_input(path)
+    check_whole(path, "TOML")
     try:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as problem:
@@ -336,9 +367,18 @@ def seal(path: Path) -> None:
 
 def is_sealed(path: Path) -> bool | None:
     """True if a file is as it was sealed; None if it has no seal, as those of earlier versions and of others."""
-    content = path.read_bytes()
-    body, mark, digest = content[:-48], content[-48:-32], content[-32:]
-    return hashlib.sha256(body).digest() == digest if mark == _SEAL else None
+    size = path.stat().st_size - 48
+    with path.open("rb") as stream:
+        stream.seek(max(size, 0))
+        mark, digest = stream.read(16), stream.read(32)
+        if mark != _SEAL:
+            return None
+        stream.seek(0)
+        found = hashlib.sha256()
+        piece = 1 << 20
+        for at in range(0, size, piece):
+            found.update(stream.read(min(piece, size - at)))
+    return found.digest() == digest
 
 
 def check_seal(path: Path, name: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import resource
 import time
 from collections.abc import Callable, Iterator
@@ -39,6 +40,35 @@ def test_tables_that_are_none(
     path.write_text(text(), encoding="utf-8")
     with soon(), pytest.raises(ValueError, match=rf"^a\.csv {said}"):
         read(path)
+
+
+def test_workbooks_and_files_of_thousands_of_parts(tmp_path: Path) -> None:
+    """Sheets were each looked at anew; entries of an HDF5 file took a fifth of a millisecond."""
+    from openpyxl import Workbook
+
+    book = Workbook()
+    for number in range(300):
+        book.create_sheet(f"sheet {number}").append(["a", 1])
+    book.save(tmp_path / "a.xlsx")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for number in range(17000):
+            file.create_group(f"g{number}")
+    with soon(), pytest.raises(ValueError, match=r"^a\.xlsx has 301 sheets; up to 256 are read"):
+        rf.read(tmp_path / "a.xlsx")
+    with soon(), pytest.raises(ValueError, match=r"^a\.h5 holds more than 16384 groups and data sets"):
+        rf.read_recording(tmp_path / "a.h5")
+
+
+@pytest.mark.parametrize("suffix", ["csv", "uff", "nc", "mat", "json", "xlsx", "lvm", "txt"])
+@pytest.mark.parametrize("read", [rf.read, rf.load_fit])
+def test_gigabytes_of_junk(read: Callable[[Path], object], suffix: str, tmp_path: Path) -> None:
+    """Of zeros, or with a beginning that is none: the rest is not read."""
+    path = tmp_path / f"a.{suffix}"
+    for begin in (b"", b"lorem ipsum dolor\n", b"\xff\xd8\xff\xe0 JFIF"):
+        path.write_bytes(begin)
+        os.truncate(path, 2 << 30)
+        with soon(), pytest.raises(ValueError, match=r"a\."):
+            read(path)
 
 
 def test_groups_in_groups_without_end(tmp_path: Path) -> None:

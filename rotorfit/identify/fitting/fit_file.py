@@ -17,7 +17,7 @@ import numpy as np
 
 from rotorfit.base.atomic_file import note_input, whole_file
 from rotorfit.base.faults import of_program
-from rotorfit.base.file_reading import reading
+from rotorfit.base.file_reading import beginning, reading
 from rotorfit.base.version import VERSIONS
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.identify.fitting.json_values import UserDefinedError, check_types, decode, encode
@@ -94,6 +94,8 @@ def load_fit(path: str | os.PathLike[str], *, model: RotorModel | None = None) -
     """
     note_input(Path(path))
     with reading(str(path), _KIND):
+        if not beginning(Path(path), 64).lstrip().startswith(b"{"):
+            raise ValueError(f"{path} is not JSON, so not a fit saved by rotorfit: it does not begin with a brace")
         text = Path(path).read_text(encoding="utf-8")
     return fit_from_json(text, model=model, source=str(path))
 

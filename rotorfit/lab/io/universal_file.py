@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.base.array_types import Float
-from rotorfit.base.file_reading import shown
+from rotorfit.base.file_reading import beginning, shown
 
 _MARK = re.compile(rb"(?m)^    -1[ \t]*\r?$\n?")
 _ASCII = re.compile(rb"\s*58[ \t]*\r?\n")
@@ -42,10 +42,11 @@ def universal_records(path: Path, *, header_only: bool = False, only: int | None
     """All data sets of a file, or one by its place; with ``header_only`` without the numbers of functions."""
     import pyuff
 
+    longest_head = 1 << 20  # bytes in which the first data set begins
+    if not _MARK.search(beginning(path, longest_head)):
+        raise ValueError(f"{path.name} is not a universal file: no line of it is '    -1', between which data sets are")
     content = path.read_bytes()
     marks = [(match.start(), match.end()) for match in _MARK.finditer(content)]
-    if not marks:
-        raise ValueError(f"{path.name} is not a universal file: no line of it is '    -1', between which data sets are")
     binary = re.search(rb"(?m)^    58[bB]", content) is not None
     if len(marks) % 2 and not binary:
         raise ValueError(f"{path.name} is not a whole universal file: its last data set has no end; copy it again")

@@ -8,7 +8,7 @@ import math
 import re
 from bisect import bisect_left
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from functools import partial
+from functools import lru_cache, partial
 from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, TextIO
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, TextIO
 import numpy as np
 
 from rotorfit.base.array_types import Bool, Float, Index
-from rotorfit.base.file_reading import check_archive, check_text, check_unpacked, shown
+from rotorfit.base.file_reading import beginning, check_archive, check_sheets, check_text, check_unpacked, shown
 from rotorfit.base.names import unknown_name
 
 if TYPE_CHECKING:
@@ -95,6 +95,11 @@ def lacking(cells: Sequence[str], words: Collection[str] = ("",)) -> Bool:
 Cells = tuple[Sequence[str], Sequence[Sequence[str]], Index]
 """A table as it stands in a file: names of the columns, cells of each, stripped of blanks, and the line of the file, or
 row of the sheet, of each row."""
+
+
+_BATCH = 512
+"""Rows that are taken at a time, which the processor's cache holds. Chosen."""
+_DIGIT, _LETTER = re.compile(r"\d"), re.compile(r"[^\W\d]")
 
 
 class _Text(dict[str, str]):
@@ -214,14 +219,21 @@ def read_cells(
     header = [shown(_as_written(cell.strip())) for cell in first[0][1]]
     width = max((i + 1 for i, name in enumerate(header) if name), default=0)
     check_columns(path.name, width)
+    if header and not any(map(_LETTER.search, header)):
+        said = ", ".join(header[:4])
+        raise ValueError(
+            f"{path.name} has no header: its first line is {said[:80]}; write the names of the columns there"
+        )
     if units := _units_below(path.name, [row for row in first[1:] if any(row[1])][:4], width, is_unit):
         header = [f"{name} ({unit})" if unit else name for name, unit in zip(header, units, strict=False)]
         del first[: 1 + next(i for i, row in enumerate(first[1:]) if any(row[1]))]
     columns = [_Column(name, is_text=is_text(name)) for name in header[:width]]
     lines: list[Index] = []
     rest = chain(first[1:], rows)
-    while batch := list(islice(rest, 512)):  # which the processor's cache holds
+    while batch := list(islice(rest, _BATCH)):
         numbers, cells = _even(path.name, batch, width)
+        if not lines and len(batch) == _BATCH and not any(map(_DIGIT.search, map("".join, cells))):
+            raise ValueError(f"{path.name} is no table of readings: its first {_BATCH} rows hold no number")
         lines.append(np.array(numbers, dtype=np.intp))
         for column, own in zip(columns, zip(*cells, strict=True), strict=bool(cells)):
             column.add(own)
@@ -232,19 +244,22 @@ def read_cells(
     return header[:width], [column.finished(path.name) for column in columns], numbered
 
 
-def first_rows(path: Path, sheet: str | None) -> list[Sequence[str]]:
-    """Rows at the beginning of a text file or a sheet, titles among them."""
-    rows = _sheet(path, sheet) if path.suffix.lower() in EXCEL else _text_rows(path, lambda share: None)
-    return [cells for _, cells in islice(rows, _TITLE_ROWS)]
-
-
-def sheet_names(path: Path) -> list[str]:
-    """Names of the sheets of a workbook."""
+def first_rows(path: Path, sheet: str | None) -> dict[str | None, list[Sequence[str]]]:
+    """Rows at the beginning of a text file, or of a sheet or all sheets by name, titles among them."""
+    if path.suffix.lower() not in EXCEL:
+        rows = islice(_text_rows(path, lambda share: None), _TITLE_ROWS)
+        return {sheet: [_no_wider(path.name, cells) for _, cells in rows]}
     with path.open("rb") as stream:
         book = _workbook(path, stream)
-        names = list(book.sheetnames)
+        names = book.sheetnames if sheet is None else [sheet]
+        found = {name: [cells for _, cells in islice(_sheet_rows(path, book, name), _TITLE_ROWS)] for name in names}
         book.close()
-    return names
+    return found
+
+
+def _no_wider(name: str, cells: Sequence[str]) -> Sequence[str]:
+    check_columns(name, len(cells))
+    return cells
 
 
 def frame_cells(frame: DataFrame, is_text: Callable[[str], bool], source: str = "DataFrame") -> Cells:
@@ -342,6 +357,13 @@ def marked_encoding(raw: bytes) -> str:
 
 def encoding_of(path: Path) -> str:
     """Encoding of a text file: UTF-8, UTF-16 or, as old programs save it, Windows' Western code page."""
+    state = path.stat()
+    return _encoding(path, state.st_size, state.st_mtime_ns)
+
+
+@lru_cache(maxsize=16)
+def _encoding(path: Path, _size: int, _time: int) -> str:
+    """The same of a file as it is now: all of it is looked through, once for all who ask."""
     with path.open("rb") as stream:
         head = stream.read(400)
         if head.startswith((_ARCHIVE, _OLD_EXCEL)):
@@ -351,6 +373,8 @@ def encoding_of(path: Path) -> str:
         if _first_line_is_longer(stream, longest):
             raise ValueError(f"{path.name} is no table: its first line is longer than {longest} bytes")
         marked, reason = marked_encoding(head), ""
+        if (b"\0" * 4 if marked else b"\0") in beginning(path, 1 << 20):
+            raise ValueError(f"{path.name} is not text: it has zero bytes")
         for encoding in (marked,) if marked else ("utf-8", "cp1252"):
             reason = _undecodable(stream, encoding)
             if not reason:
@@ -436,20 +460,23 @@ def _is_comment(text: str) -> bool:
 def _sheet(path: Path, sheet: str | None) -> Iterator[_Row]:
     with path.open("rb") as stream:
         book = _workbook(path, stream)
-        if sheet is not None and sheet not in book.sheetnames:
-            raise ValueError(f"{path.name}: {unknown_name('sheet', sheet, book.sheetnames)}")
-        rows = book[sheet or book.sheetnames[0]].iter_rows(values_only=True)
-        size, taken = path.stat().st_size, 0
-        for line, row in enumerate(rows, 1):
-            # Memory that an empty cell takes; a sheet with one cell in its last row and column has 1.7e10 of them
-            cell_bytes = 8
-            taken += cell_bytes * len(row)
-            check_unpacked(path.name, taken, size)
-            # a whole number that Excel holds as a float keeps no point
-            cells = ["" if c is None else f"{c:.17g}" if isinstance(c, float) else str(c).strip() for c in row]
-            if any(cells) and not _is_comment(cells[0]):
-                yield line, cells
+        yield from _sheet_rows(path, book, sheet or book.sheetnames[0])
         book.close()
+
+
+def _sheet_rows(path: Path, book: Any, sheet: str) -> Iterator[_Row]:
+    if sheet not in book.sheetnames:
+        raise ValueError(f"{path.name}: {unknown_name('sheet', sheet, book.sheetnames)}")
+    size, taken = path.stat().st_size, 0
+    for line, row in enumerate(book[sheet].iter_rows(values_only=True), 1):
+        # Memory that an empty cell takes; a sheet with one cell in its last row and column has 1.7e10 of them
+        cell_bytes = 8
+        taken += cell_bytes * len(row)
+        check_unpacked(path.name, taken, size)
+        # a whole number that Excel holds as a float keeps no point
+        cells = ["" if c is None else f"{c:.17g}" if isinstance(c, float) else str(c).strip() for c in row]
+        if any(cells) and not _is_comment(cells[0]):
+            yield line, cells
 
 
 def _workbook(path: Path, stream: BinaryIO) -> Any:
@@ -462,9 +489,10 @@ def _workbook(path: Path, stream: BinaryIO) -> Any:
 
     try:
         check_archive(path)
+        check_sheets(path)
         return load_workbook(stream, read_only=True, data_only=True)
     except (BadZipFile, InvalidFileException, KeyError) as reason:
-        head = path.read_bytes()[:4]
+        head = beginning(path, 4)
         advice = (
             "a part of its archive is damaged or missing"
             if head == _ARCHIVE

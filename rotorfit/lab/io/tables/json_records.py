@@ -10,7 +10,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorfit.base.file_reading import check_unpacked
+from rotorfit.base.file_reading import check_unpacked, check_whole
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -26,6 +26,7 @@ def json_frame(path: Path) -> DataFrame:
     """The rows of a file, blank where an object lacks a column."""
     from pandas import DataFrame
 
+    check_whole(path, "JSON")
     try:
         content = json.loads(path.read_text(encoding="utf-8-sig"))
     except UnicodeDecodeError as problem:

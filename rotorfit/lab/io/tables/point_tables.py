@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotorfit.lab.io.tables.cells import EXCEL, Numbers, first_rows, sheet_names
+from rotorfit.lab.io.tables.cells import EXCEL, Numbers, first_rows
 from rotorfit.lab.io.tables.headers import is_text, is_unit, quantity_meant, understood, with_given_names
 from rotorfit.lab.io.tables.table import Table, read_table
 
@@ -33,10 +33,8 @@ def points_above(path: str | Path | DataFrame, sheet: str | None) -> Points:
     if not isinstance(path, str | Path) or Path(path).suffix.lower() not in (*EXCEL, ".csv", ".txt", ".tsv"):
         return {}
     file = Path(path)
-    excel = file.suffix.lower() in EXCEL
-    sheets: Sequence[str | None] = [sheet] if sheet is not None or not excel else sheet_names(file)
-    found = {name: place for name in sheets if (place := _point(first_rows(file, name))) is not None}
-    return found
+    heads = first_rows(file, sheet)
+    return {name: place for name, rows in heads.items() if (place := _point(rows)) is not None}
 
 
 def _point(rows: Sequence[Sequence[str]]) -> tuple[str, str] | None:

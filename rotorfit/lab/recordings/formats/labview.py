@@ -94,9 +94,12 @@ def _outline(path: Path, encoding: str) -> tuple[_Heading, list[_Segment]]:
     own: dict[str, Sequence[str]] = {}
     segments: list[_Segment] = []
     separator, place, special = "\t", "file", False
+    longest = 10_000  # lines before the numbers
     with path.open(encoding=encoding) as file:
         for number, line in enumerate(file):
             text = line.rstrip("\r\n")
+            if number >= longest and not segments:
+                raise ValueError(f"{path.name} holds no signals: no numbers stand in its first {longest} lines")
             if special or text.startswith("***Start_Special"):  # notes of other programs between the headings
                 special = not text.startswith("***End_Special")
             elif place == "rows" and text.strip() and not text.startswith(f"Channels{separator}"):

@@ -105,6 +105,12 @@ def look_at_force(record: Recording, *, struck: bool = False) -> MeasuredForce:
     """
     noise_window = 0.25  # length of the windows that show the noise, s
     fewest = 8  # windows, half over one another; those of a shorter recording are shorter
+    lowest_rate = 64.0  # sampling rate, Hz: a window of noise has 16 samples
+    if record.sample_rate < lowest_rate or record.size < 16 * fewest:
+        raise ValueError(
+            f"{record.name}: {record.size} samples at {record.sample_rate:g} Hz are too few to tell a measured "
+            "force from its noise; is the sampling rate right?"
+        )
     power, _ = _powers(record, min(noise_window, record.duration / fewest))
     noise = np.median(np.median(power, axis=0) / np.log(2), axis=1)  # which is exponentially distributed, N^2 s
     window = 2.0  # length of the windows in which the band is looked for, s
