@@ -17,7 +17,7 @@ from rotorfit.models import RotorModel
 
 UNRESOLVED_ERROR = 1.0
 """A direction is unresolved when its standard error exceeds this multiple of the parameters' own size."""
-_SILENT = 1e-150
+_SILENT = 1e-100
 """Change of whitened readings by a parameter's own size, up to which it has no influence: the square of its error
 overflows."""
 UNSEEN_CHANGE = 1e-4

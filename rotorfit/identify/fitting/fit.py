@@ -26,7 +26,7 @@ from rotorfit.estimators.starting.start_points import CLOSED_FORM, EARLIER_FIT, 
 from rotorfit.estimators.starting.starts import find_start
 from rotorfit.identify.fitting.causes.calibration import Calibration
 from rotorfit.identify.fitting.causes.solution import NEGLIGIBLE, JointSearch, search, solved_before
-from rotorfit.identify.fitting.judge import explains, judge, redchi_of, with_model_uncertainty
+from rotorfit.identify.fitting.judge import explains, explains_nothing, judge, redchi_of, with_model_uncertainty
 from rotorfit.identify.fitting.noise.error_bars import with_noise
 from rotorfit.identify.fitting.noise.study import study_residuals
 from rotorfit.identify.fitting.problem_setup import as_tuple, build_problem, check_model, dry_run
@@ -225,8 +225,9 @@ def judged(
     """The result of a solved problem, solved again with the noise that its residuals show."""
     left_out = (sentence for test in experiments for sentence in usable(problem.space.model, test)[1])
     notes = (*left_out, *start.notes)
-    studied = settings.loss == "linear" and _is_minimum(solution)
-    beside = _beside(problem, solution, settings, for_noise=studied)
+    nothing = explains_nothing(problem, solution)
+    studied = settings.loss == "linear" and _is_minimum(solution) and not nothing
+    beside = None if nothing else _beside(problem, solution, settings, for_noise=studied)
     at = problem if beside is None else beside.problem
     study = study_residuals(at, solution.x, beside) if studied else None
     begin, again = None if beside is None else beside.x, beside is not None and beside.missed >= NEGLIGIBLE

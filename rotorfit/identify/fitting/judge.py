@@ -34,6 +34,7 @@ from rotorfit.identify.fitting.noise.residual_study import (
     is_misfit,
     largest_redchi,
 )
+from rotorfit.identify.fitting.noise.scatter import BadLines, bad_lines, one_component
 from rotorfit.identify.fitting.possible import impossible
 from rotorfit.identify.fitting.problem_setup import with_noise_of_data
 from rotorfit.identify.fitting.quantities import FittedParameter, ResponseQuality
@@ -83,16 +84,22 @@ def judge(
         )
     settings = replace(settings, solved=causes)
     params = _parameters(problem.space, x, start.x, covar, degrees, verdict.unresolved, causes)
-    warnings = [*notes, *fit_warnings(problem, x, redchi, params, verdict, bool(settings.noise_scale), noise)]
+    plain, begin = problem, x
+    if beside is not None:  # without the causes that were found
+        plain, begin = shifted(problem, [-part for part in beside.shift]), beside.plain[: x.size]
+    alone = bad_lines(plain, begin, MODEL_LIMITED_REDCHI) if redchi > MODEL_LIMITED_REDCHI else None
+    rescaled = bool(settings.noise_scale)
+    warnings = [*notes, *fit_warnings(problem, x, redchi, params, verdict, rescaled, noise, alone)]
     warnings += table_of(causes).warnings
     if redchi <= max(largest_redchi(noise, nfree, noise_known_from(problem)), MODEL_LIMITED_REDCHI):
-        plain = problem if beside is None else shifted(problem, [-part for part in beside.shift])
-        warnings += impossible(plain, x if beside is None else beside.plain[: x.size], params)
+        warnings += impossible(plain, begin, params)
     success, method, message, evaluations = True, "closed form", "closed form, no iteration", 0
     if isinstance(solved, Solution):
         # A minimum along a whole line is one: the identifiability verdict names the line.
         success = solved.success or solved.status is Status.SINGULAR
         method, message, evaluations = "least squares", solved.message, solved.n_evaluations
+        if success and explains_nothing(problem, solved):
+            success, message = False, _NOTHING
     if not success:  # where a search stalled the curvature tells nothing of the error
         params = {n: replace(p, stderr=np.nan) if p.vary else p for n, p in params.items()}
         warnings.insert(0, f"the optimisation did not converge, so no standard errors are given: {message}")
@@ -151,6 +158,22 @@ def explains(problem: Problem, solution: Solution) -> bool:
     """True of a solution that leaves no more than noise does, by :attr:`FitResult.largest_redchi`."""
     most = largest_redchi(None, problem.n_data - problem.space.size, noise_known_from(problem))
     return redchi_of(problem, solution) <= most
+
+
+_NOTHING = "nothing explained: the residuals are as large as the readings, as where no value matters any more"
+
+
+def explains_nothing(problem: Problem, solution: Solution) -> bool:
+    """True on a plateau, where the rotor that was found hardly answers: residuals as large as the readings are no
+    noise. By their sum and by their median, which one that is far off does not move."""
+    least_redchi, least_share = 10.0, 0.9  # redchi, and residual over reading, that noise alone does not leave
+    if problem.loss != "linear" or len(problem.responses) < len(problem.blocks):
+        return False
+    if not redchi_of(problem, solution) > least_redchi:
+        return False
+    size, left = np.abs(problem.measured / problem.sigma), np.abs(problem.residuals(solution.x))
+    share = np.median(left / np.where(size > 0, size, np.inf))
+    return bool(share > least_share and np.linalg.norm(left) > least_share * np.linalg.norm(size))
 
 
 # ---- goodness of fit -------------------------------------------------------------------------------------------------
@@ -325,9 +348,12 @@ def fit_warnings(
     identifiability: Identifiability,
     rescaled: bool,
     noise: ResidualStudy | None,
+    alone: BadLines | None,
 ) -> list[str]:
-    """Warnings for a reader of the result."""
-    found = [] if noise is None else noise.warnings(redchi)
+    """Warnings for a reader of the result; ``alone``: lines that alone miss it."""
+    if alone is not None:
+        return [alone.sentence(redchi), *_of_values(problem, x, params, identifiability)]
+    found = [] if noise is None else noise.warnings(redchi, _of_scatter(problem, x, params))
     advice = _advice(problem, identifiability, rescaled)
     nfree = problem.n_data - problem.space.size
     misfit = covariance.widening(redchi, problem.loss, nfree=nfree, freedom=freedom_of(problem.blocks))
@@ -357,7 +383,25 @@ def fit_warnings(
                 f"the squared residuals of most readings are {significant(typical, 2)} times those of the noise: not "
                 f"outliers but the model limits this fit, and parameters may be biased; {advice}"
             )
-    found += [
+    return found + _of_values(problem, x, params, identifiability)
+
+
+def _of_scatter(problem: Problem, x: Float, params: Mapping[str, FittedParameter]) -> str:
+    """What readings scatter for, in words."""
+    bound = ", ".join(p.name for p in params.values() if p.at_bound)
+    if bound:
+        return f"as where a bound keeps the model from the data ({bound}: widen it, or free what is known)"
+    part = one_component(problem, x)
+    if part:
+        return f"and only in their {part}, as where noise was simulated in one component"
+    return "as where a force or a speed jitters"
+
+
+def _of_values(
+    problem: Problem, x: Float, params: Mapping[str, FittedParameter], identifiability: Identifiability
+) -> list[str]:
+    """Warnings of values that rest on bounds, that these lines cannot tell, and of speeds without stability."""
+    found = [
         f"{p.name} rests on its bound at {p.value:.6g}{'' if p.unit == '1' else ' ' + p.unit}"
         for p in params.values()
         if p.at_bound

@@ -99,10 +99,11 @@ class ResidualStudy:
         """``run_left_out`` in words; empty where there is none."""
         return "" if self.run_left_out is None else odd_run(*self.run_left_out)
 
-    def warnings(self, redchi: float) -> list[str]:
-        """Warnings about the noise of a fit with such a redchi, by the noise of the data."""
+    def warnings(self, redchi: float, cause: str) -> list[str]:
+        """Warnings about the noise of a fit with such a redchi, by the noise of the data; ``cause``: what readings may
+        scatter for."""
         large = redchi > MODEL_LIMITED_REDCHI
-        return [*self.notable, *verdict_warning(self.verdict, redchi, self.correlation, large=large)]
+        return [*self.notable, *verdict_warning(self.verdict, redchi, self.correlation, cause, large=large)]
 
     def __str__(self) -> str:
         return "; ".join([VERDICTS[self.verdict], *self.sentences])
@@ -145,7 +146,7 @@ VERDICTS = {
     NoiseVerdict.SHAPED: (
         "the residuals are noise of another size or shape than estimated from the data alone; they were weighted by it"
     ),
-    NoiseVerdict.LARGER: "the residuals are noise, but larger than the sigma of the readings",
+    NoiseVerdict.LARGER: "the residuals are larger than the sigma of the readings, and not correlated along the sweeps",
     NoiseVerdict.CORRELATED: (
         "the residuals have the noise's size but are correlated along the sweeps, as behind overlapping filters"
     ),
@@ -228,13 +229,13 @@ def odd_run(name: str, redchi_without: float) -> str:
     )
 
 
-def verdict_warning(verdict: NoiseVerdict, redchi: float, correlation: float, *, large: bool) -> list[str]:
+def verdict_warning(verdict: NoiseVerdict, redchi: float, correlation: float, cause: str, *, large: bool) -> list[str]:
     """The verdict as a warning, where it changes standard errors; ``large``: redchi is."""
     yet = f"redchi is {significant(redchi, 3)}, yet neighbouring residuals are not correlated:"
     if verdict is NoiseVerdict.SHAPED and large:
         return [
-            f"{yet} readings scatter more than was estimated from the data alone, as where a force or a speed jitters. "
-            "Weights and errors follow the scatter of the residuals"
+            f"{yet} readings scatter more than was estimated from the data alone, {cause}. Weights and errors follow "
+            "the scatter of the residuals"
         ]
     if verdict is NoiseVerdict.LARGER:
         return [
