@@ -20,7 +20,6 @@ from rotorfit.models.known_structure import KnownStructure
 from rotorfit.models.laws import Law
 from rotorfit.models.lumped import Anisotropic
 from rotorfit.models.model import RotorModel
-from rotorfit.models.orthotropic import Orthotropic
 
 COEFFICIENTS = tuple(f"{kind}{row}{column}" for kind in "KCM" for row in "xy" for column in "xy")
 """Kxx, Kxy, ... Myy: Kxy is the force in x for a displacement in y."""
@@ -40,7 +39,7 @@ def plane_force(model: RotorModel, theta: Float, speed: float, plane: str, eccen
     lam Om``, ``Cxx = D``, ``Cxy = -Cyx = 2 lam Om Mf``, ``Mxx = Mf``."""
     if plane not in model.planes:
         raise ValueError(unknown_name(f"plane of {model.name}", plane, model.planes))
-    if plane in _magnetic(model):
+    if plane in model.magnetic:
         raise ValueError(
             f"{plane} is in a magnetic bearing, whose delay makes stiffness and damping change with frequency: its "
             "force is Km + (Kp + Kd s) exp(-s tau), by the fitted parameters"
@@ -68,7 +67,7 @@ def plane_force(model: RotorModel, theta: Float, speed: float, plane: str, eccen
 
 def force_parameters(model: RotorModel) -> Bool:
     """Parameters that make the force at a plane: those of the fluid, or all where the structure stands apart."""
-    whole = model.base if isinstance(model, Orthotropic) else model
+    whole = model.on_own_supports
     if isinstance(whole, KnownStructure | Anisotropic):
         return np.ones(len(model.parameters), dtype=bool)
     if not {"K0", "D"} <= set(model.parameter_names):
@@ -89,15 +88,10 @@ def loop_stiffness(model: RotorModel, theta: Float, s: ComplexArray, speed: floa
     return np.asarray(coefficients @ s ** np.arange(coefficients.shape[1])[:, None])
 
 
-def _magnetic(model: RotorModel) -> tuple[str, ...]:
-    whole = model.base if isinstance(model, Orthotropic) else model
-    return whole.magnetic if isinstance(whole, KnownStructure) else ()
-
-
 def force_planes(model: RotorModel) -> tuple[str, ...]:
     """Planes at which a model has such a force; magnetic bearings have none that does not change with frequency."""
     typical = np.array([q.scale for q in model.parameters])
-    apart = [plane for plane in model.planes if plane not in _magnetic(model)]
+    apart = [plane for plane in model.planes if plane not in model.magnetic]
     return tuple(plane for plane in apart if plane_force(model, typical, 1.0, plane).values.any())
 
 

@@ -52,6 +52,9 @@ class Modal(RotorModel):
     name: ClassVar[str] = "modal"
     has_causes = False  # gains and angles are those of probes and forces as they are
 
+    no_closed_form = "a modal model starts from a rational fit of its own, which is no estimate with errors"
+    advice = "add modes, or let x and y differ (apart)"
+
     def __init__(
         self,
         planes: Sequence[str] = ("disk1", "disk2"),

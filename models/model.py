@@ -68,6 +68,9 @@ class RotorModel(ABC):
     line_count: int = 2  # coordinates of each motion that turns: its own and those of its image
     has_causes: bool = True  # whether effects beside it are listed for its fits: not where its values hold them
     in_band_only: bool = False  # its free motion is that of the rotor up to the tested frequencies only
+    magnetic: tuple[str, ...] = ()  # planes in a magnetic bearing
+    no_closed_form: str = ""  # why a closed form of it says nothing with errors, in words
+    advice: str = ""  # what to do where it limits a fit, other than to let data ask for blocks
     turns: bool = False  # free motion (see motion) is written in turning coordinates, each motion with its image
 
     @abstractmethod
@@ -110,6 +113,16 @@ class RotorModel(ABC):
     def alternatives(self) -> tuple[RotorModel, ...]:
         """Models that stand for this one where it leaves a choice to the data: a fit takes that of least BIC."""
         return ()
+
+    @property
+    def on_own_supports(self) -> RotorModel:
+        """The rotor itself where this model is one on other supports."""
+        return self
+
+    @property
+    def mode_count(self) -> int:
+        """Modes that responses in one plane of motion consist of."""
+        return len(self.planes)
 
     @property
     def weights(self) -> Weights | None:

@@ -56,6 +56,7 @@ class Orthotropic(RotorModel):
         self.at = support_planes(at, base)
         self.caveats, self.caveats_without_tilts = base.caveats, base.caveats_without_tilts
         self.in_band_only = base.in_band_only
+        self.magnetic = base.magnetic
         own = support_parameters(self.at)
         taken = {parameter.name for parameter in own} & set(base.parameter_names)
         if taken:
@@ -78,6 +79,11 @@ class Orthotropic(RotorModel):
             )
         if any(not ca.SX(factor.im).is_zero() for factor in base.symbolic[4]):
             raise ValueError(f"{base.name} has complex probe factors, which turn x into y")
+
+    @property
+    def on_own_supports(self) -> RotorModel:
+        """The rotor on its own supports."""
+        return self.base
 
     @property
     def blocks(self) -> tuple[str, ...]:

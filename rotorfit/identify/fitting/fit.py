@@ -35,7 +35,7 @@ from rotorfit.identify.fitting.settings import FitSettings, PhaseOffsets
 from rotorfit.identify.observing.clearance import usable
 from rotorfit.lab.data.experiments import Experiment
 from rotorfit.lab.data.joined import runs_apart
-from rotorfit.models import Modal, RotorModel
+from rotorfit.models import RotorModel
 
 
 def fit(
@@ -295,8 +295,8 @@ def closed_form(
             f"{model.name} changes with eccentricity, which has no closed form; fit starts from that of a linear fluid "
             f"at small eccentricity"
         )
-    if isinstance(model, Modal):
-        raise ClosedFormError("a modal model starts from a rational fit of its own, which is no estimate with errors")
+    if model.no_closed_form:
+        raise ClosedFormError(model.no_closed_form)
     settings = FitSettings(
         known=known or {}, per=per or {}, baseline=dry_run(baseline), stator_mass_kg=stator_mass_kg, causes=None
     )

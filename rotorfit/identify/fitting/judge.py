@@ -41,7 +41,7 @@ from rotorfit.identify.fitting.quantities import FittedParameter, ResponseQualit
 from rotorfit.identify.fitting.result import FitResult, noise_known_from
 from rotorfit.identify.fitting.settings import FitSettings
 from rotorfit.lab.data.experiments import Experiment
-from rotorfit.models import BLOCKS, Modal, RotorModel
+from rotorfit.models import BLOCKS, RotorModel
 from rotorfit.models.motion.stability import growth_rate, stability_band
 from rotorfit.models.parameters import bare_name
 
@@ -419,8 +419,8 @@ def _of_values(
 def _advice(problem: Problem, identifiability: Identifiability, rescaled: bool) -> str:
     """Advice for a fit that its model limits: structural blocks only where more can be added."""
     model = problem.space.model
-    if isinstance(model, Modal):
-        return "add modes, or let x and y differ (apart)"
+    if model.advice:
+        return model.advice
     for block in problem.responses:  # motion along x and y under forces along one of them
         along = [block.force[:, [c.axis == axis for c in model.coordinates]].any(axis=1) for axis in "xy"]
         if (along[0] ^ along[1]).any():

@@ -24,7 +24,7 @@ from rotorfit.identify.observing.clearance import usable
 from rotorfit.identify.observing.observations import correlated, observe_any
 from rotorfit.lab.data.experiments import Experiment, PerturbationTest, in_words
 from rotorfit.lab.data.weights import Influences, weighed
-from rotorfit.models import Modal, RotorModel
+from rotorfit.models import RotorModel
 
 
 def as_tuple(experiments: Experiment | Sequence[Experiment]) -> tuple[Experiment, ...]:
@@ -114,7 +114,7 @@ def _observed(
 
 def _check_modes(model: RotorModel, influences: Influences, settings: FitSettings) -> None:
     """Refuse a model of more modes than weights at a few speeds show, unless something is known beforehand."""
-    wanted = model.modes if isinstance(model, Modal) else len(model.planes)
+    wanted = model.mode_count
     seen = influences.modes
     beforehand = settings.known or settings.priors or model.shaft is not None
     if seen is None or beforehand or not 0 < seen.count < wanted:

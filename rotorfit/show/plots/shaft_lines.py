@@ -15,7 +15,7 @@ from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses, is_image_line
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.experiments import LineTest
-from rotorfit.models import AnisotropicShaft, Turning, TurningOnSupports, eigenvalues, unstable_bands
+from rotorfit.models import TurningOnSupports, eigenvalues, unstable_bands
 from rotorfit.models.motion.stability import growing_bands
 from rotorfit.models.shafts.combination_lines import line_order
 from rotorfit.show.plots import style
@@ -170,7 +170,7 @@ def _draw(sheet: style.Sheet, size: Any, phase: Any, curve: _Curve, factor: floa
 def turning_stability(sheet: style.Sheet, fit: FitResult) -> Figure:
     """Growth rate and whirl frequency of a shaft that is not round against rotative speed, unstable bands shaded."""
     model, theta = fit.model, fit.theta()
-    if not isinstance(model, AnisotropicShaft | Turning):
+    if not model.turns:
         raise ValueError(f"{model.name} does not turn its stiffness")
     critical = float(np.abs(eigenvalues(model, theta, 0.0)).max())
     ends = [float(end) for e in fit.experiments for end in (np.min(e.speed), np.max(e.speed))]

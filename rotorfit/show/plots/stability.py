@@ -14,7 +14,7 @@ from rotorfit.base.digits import with_error
 from rotorfit.base.matching import cheapest_rows
 from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult
-from rotorfit.models import AnisotropicShaft, Turning, eigenvalues
+from rotorfit.models import eigenvalues
 from rotorfit.models.motion.stability import whirls_forward
 from rotorfit.show.plots import style
 from rotorfit.show.plots.journal import group_label, speeds_of
@@ -31,7 +31,7 @@ def plot_stability(fit: FitResult, *, sheet: style.Sheet, group: int = 0) -> Fig
 
     Growth rate and damped frequency above, damping ratio and logarithmic decrement below.
     """
-    if isinstance(fit.model, AnisotropicShaft | Turning):
+    if fit.model.turns:
         return turning_stability(sheet, fit)
     onset, tested = None, _tested_speeds(fit, group)
     if fit.model.speed_dependent and np.isfinite(fit.threshold_of(group).value):

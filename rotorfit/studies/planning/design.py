@@ -16,7 +16,7 @@ from rotorfit.base.digits import significant
 from rotorfit.base.names import unknown_name
 from rotorfit.base.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 from rotorfit.lab.data.experiments import PerturbationTest
-from rotorfit.models import AnisotropicShaft, RotorModel, Turning
+from rotorfit.models import RotorModel
 from rotorfit.models.motion.journal import journal
 from rotorfit.models.motion.stability import decay_rate
 from rotorfit.studies.planning.expectation import refuse_speed
@@ -129,7 +129,7 @@ def candidate_test(design: Design, model: RotorModel, theta: Float, band: float)
     """All lines with forces as large as the limits allow, to be read; runs are named by plane, speed and direction.
     Eigenvalues up to a band count."""
     planes = model.planes if design.force_planes is None else design.words("force_planes")
-    if model.turns or isinstance(model, AnisotropicShaft | Turning):
+    if model.turns:
         raise ValueError(
             f"{model.name} shows itself in images and twist, and a design has responses at the force's frequency "
             "only; give LineTests as patterns"
