@@ -77,6 +77,7 @@ class JointErrors:
     covar: Float  # ``C_c``, covariance of the sizes, data and all other causes included, shape ``(k, k)``
     moves: Float  # ``T``, change of the fitted vector by a unit of each cause, shape ``(p, k)``
     widened: float = 1.0  # factor on all variances, where no listed cause explains the misfit
+    z_beside_runs: Float | None = None  # scores beside what few runs may differ by, which passes for causes
 
     @classmethod
     def of(
@@ -88,6 +89,7 @@ class JointErrors:
         inverse: Float,
         size: Float,
         one_sided: Bool,
+        runs: Float | None = None,
     ) -> JointErrors:
         """Solve for causes beside fitted values.
 
@@ -97,6 +99,7 @@ class JointErrors:
             inverse: covariance of the fitted vector by the noise alone, at unit noise, priors of the vector included.
             size: standard uncertainty of each cause before the data.
             one_sided: causes that are never negative.
+            runs: changes of the residuals by a standard deviation of what each run may differ by, shape ``(2 R, m)``.
         """
         rows, own = _real(J), _real(B)
         moves = -inverse @ (rows.T @ own)
@@ -105,7 +108,12 @@ class JointErrors:
         covar = _inverse_beside_one(scaled)
         residual = np.concatenate([r.real, r.imag])
         free = -size * (covar @ (scaled.T @ residual))
-        return cls(size=size, one_sided=one_sided, free=free, covar=covar * np.outer(size, size), moves=moves)
+        z = None
+        if runs is not None:
+            left = runs - rows @ (inverse @ (rows.T @ runs))
+            z = _scores(np.hstack([scaled, left]), residual)[: size.size]
+        unit = np.outer(size, size)
+        return cls(size=size, one_sided=one_sided, free=free, covar=covar * unit, moves=moves, z_beside_runs=z)
 
     def in_noise(self, factor: float) -> JointErrors:
         """The same where the variance of the noise is a factor larger, at the same sizes."""
@@ -134,10 +142,13 @@ class JointErrors:
 
     @cached_property
     def z(self) -> Float:
-        """Score of each cause against none, beside all others; NaN where the data do not tell."""
+        """Score of each cause against none, beside all others and what few runs may differ by; NaN where the data do
+        not tell."""
         told = self.determined > TOLD
         power = np.where(told, self.determined, 1.0)
-        return np.where(told, self.value / (self.deviation * np.sqrt(power)), np.nan)
+        z = np.where(told, self.value / (self.deviation * np.sqrt(power)), np.nan)
+        beside = z if self.z_beside_runs is None else self.z_beside_runs
+        return np.where(np.abs(z) < np.abs(beside), z, np.sign(z) * np.abs(beside))
 
     @cached_property
     def pull(self) -> Float:
@@ -202,6 +213,15 @@ class JointErrors:
         return Reach(
             rest=max(whole - float(along @ one), 0.0), one_sided=np.asarray(one), room=self.value[trusted] / sd
         )
+
+
+def _scores(columns: Float, residual: Float) -> Float:
+    """Scores against none of sizes in units of what they are before the data; NaN where the data do not tell."""
+    covar = _inverse_beside_one(columns)
+    left = np.diag(covar)
+    told = left < 1 - TOLD
+    scatter = np.sqrt(np.where(told, left * (1 - left), 1.0))
+    return np.where(told, -(covar @ (columns.T @ residual)) / scatter, np.nan)
 
 
 def _inverse_beside_one(columns: Float) -> Float:

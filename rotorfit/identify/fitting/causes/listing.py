@@ -261,9 +261,18 @@ class _Rig:
             usual = size.size / math.sqrt(planes) * math.sqrt(self.stiffness[at] * self.inertia[at])
             known = sum(abs(float(self.thetas[0, self.model.parameter_names.index(name)])) for name in names)
             one = replace(size, size=max(usual, SIZES["damping"].size * known))
+            neglected = self._beside_fluid(at) - known if names else 0.0
+            if neglected > one.size:
+                one = replace(SIZES["neglected"], size=neglected)
             term = LeftOut("", "", "", ((at, at, 1.0),), ((1.0, 1, 0),))
             meaning = f"external damper at {coordinate.plane}, beside what is known there"
             yield _cause(f"damper[{coordinate.plane}]", meaning, Term(left_out=term), one, unit="N s/m", positive=True)
+
+    def _beside_fluid(self, at: int) -> float:
+        """Damping at a coordinate that is neglected beside that of a fluid there; none without one."""
+        if at not in fluid_coordinates(self.model) or "D" not in self.model.parameter_names:
+            return 0.0
+        return SIZES["neglected"].size * abs(float(self.thetas[0, self.model.parameter_names.index("D")]))
 
     def _shaft_losses(self) -> Iterator[Cause]:
         """Damping inside the shaft, hysteresis, and gyroscopic effects of disks, at each plane."""

@@ -69,6 +69,12 @@ SIZES = {
     "damper": Size(
         size=0.05, reason="damping ratio of rotors without fluid 2.5 %", source="m", remedy=f"{_RING_DOWN} (known=)"
     ),
+    "neglected": Size(
+        size=0.02,
+        reason="a damper that was told as none beside the fluid's damping",
+        source="j",
+        remedy=f"{_RING_DOWN} (known=)",
+    ),
     "damping": Size(size=0.20, reason="a damping that was measured by a ring-down", source="j", remedy=_ERROR),
     "loss": Size(size=0.005, reason="loss factor of built-up rotors", source="m", remedy=_RING_DOWN),
     "gyro": Size(
