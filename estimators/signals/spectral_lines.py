@@ -3,29 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import BSpline
 
-from rotorfit.base.array_types import ComplexArray, Float
+from rotorfit.base.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.estimators.signals.shaft_angle import SPLINE_DEGREE, SmoothAngle
 
 
-def turning_power(z: ComplexArray, angle: Float) -> tuple[float, float]:
-    """Square of what turns with an angle, and against it, the median over blocks of six turns: responses of a sweep do
-    not cancel themselves, and a passing sweep is large for a while only."""
-    block = np.floor((angle - angle[0]) / (2 * np.pi * 6)).astype(np.intp)
-    count = int(block[-1])
-    if count < 1:
-        return float("nan"), float("nan")
-    inside = block < count
-    size = np.bincount(block[inside], minlength=count)
-    found = []
-    for sign in (-1.0, 1.0):
-        turned = z[inside] * np.exp(sign * 1j * angle[inside])
-        mean = np.bincount(block[inside], turned.real) + 1j * np.bincount(block[inside], turned.imag)
-        found.append(float(np.median(np.abs(mean / size) ** 2)))
-    return found[0], found[1]
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Turning:
+    """An angle at some samples in blocks of six turns, in which responses of a sweep do not cancel themselves."""
+
+    back: ComplexArray  # what turns with the angle times this stands still, of each sample in a block
+    samples: Bool  # those in whole blocks
+    block: Index  # of each of these
+    size: Index  # samples of each block
+
+    @classmethod
+    def of(cls, angle: Float) -> Turning:
+        """By the angle of each sample, rad."""
+        block = np.floor((angle - angle[0]) / (2 * np.pi * 6)).astype(np.intp)
+        samples = block < block[-1]
+        block = block[samples]
+        return cls(back=np.exp(-1j * angle[samples]), samples=samples, block=block, size=np.bincount(block))
+
+    def power(self, z: ComplexArray) -> tuple[float, float]:
+        """Square of what turns with the angle, and against it, the median over blocks: a passing sweep is large for a
+        while only; NaN where there is no block."""
+        if not self.size.size:
+            return float("nan"), float("nan")
+        inside = z[self.samples]
+        found = []
+        for turned in (inside * self.back, inside.conj() * self.back):
+            mean = np.bincount(self.block, turned.real) + 1j * np.bincount(self.block, turned.imag)
+            found.append(float(np.median(np.abs(mean / self.size) ** 2)))
+        return found[0], found[1]
 
 
 def mains_hum(signal: Float, rate: float) -> list[tuple[float, float]]:

@@ -6,9 +6,10 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from rotorfit.base.array_types import Bool, ComplexArray
 from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.estimators.signals.spectral_lines import folded_orders, mains_hum, turning_power
+from rotorfit.estimators.signals.spectral_lines import Turning, folded_orders, mains_hum
 from rotorfit.lab.data.findings import NO_COPIES, Finding, listed
 from rotorfit.lab.recordings.angle_track import AngleTrack
 from rotorfit.lab.recordings.channel_statistics import CLIPPED_STRETCHES, ChannelStatistics
@@ -163,9 +164,12 @@ def direction_findings(record: Signals, shaft: AngleTrack | None, perturbator: A
     """Probes that are exchanged and a perturbator that turns the other way, by what turns with which mark."""
     whirl = 0 if record.force is None or record.force.measured else record.force.whirl
     backward, opposite, judged = [], [], []
-    for plane in record.pairs:
-        reversed_shaft = shaft is not None and _reversed(record, plane, shaft, 1)
-        against = None if perturbator is None or not whirl else _reversed(record, plane, perturbator, whirl)
+    pieces = _pieces(record)
+    turning = [_turning(record, angle, pieces) for angle in (shaft, perturbator if whirl else None)]
+    for plane in record.pairs if any(turning) else ():
+        motion = [record.motion(plane, *piece) for piece in pieces]
+        reversed_shaft = _reversed(motion, turning[0], 1)
+        against = _reversed(motion, turning[1], whirl)
         if reversed_shaft:
             backward.append(plane)
         elif against is not None:
@@ -192,19 +196,37 @@ def direction_findings(record: Signals, shaft: AngleTrack | None, perturbator: A
         yield Finding("error", "whirl-reversed", words)
 
 
-def _reversed(record: Signals, plane: str, angle: AngleTrack, direction: int) -> bool | None:
-    """True if motion at a mark's frequency is mostly against the direction; None where it is too small to say."""
-    with_it = against = total = 0.0
+def _pieces(record: Signals) -> list[tuple[int, int]]:
+    """First sample of each piece that is looked at, and the one after its last."""
     pieces = 8  # of a long recording
     length = record.size if record.size <= _SAMPLES_CHECKED else _SAMPLES_CHECKED // pieces
-    for start in sorted(set(np.linspace(0, record.size - length, pieces).astype(int).tolist())):
-        stop = start + length
+    starts = sorted(set(np.linspace(0, record.size - length, pieces).astype(int).tolist()))
+    return [(start, start + length) for start in starts]
+
+
+def _turning(
+    record: Signals, angle: AngleTrack | None, pieces: Sequence[tuple[int, int]]
+) -> list[tuple[int, Bool, Turning]]:
+    """Number of each piece in which a mark was seen, the samples there, and how the mark turns."""
+    if angle is None:
+        return []
+    found = []
+    for number, (start, stop) in enumerate(pieces):
         t = np.arange(start, stop) / record.sample_rate
         inside = (t >= angle.begin) & (t <= angle.end)
-        if inside.sum() < 64:
-            continue
-        z = record.motion(plane, start, stop)[inside]
-        forward, backward = turning_power(z, angle.angle(t[inside]))
+        if inside.sum() >= 64:
+            found.append((number, inside, Turning.of(angle.angle(t[inside]))))
+    return found
+
+
+def _reversed(
+    motion: Sequence[ComplexArray], turning: Sequence[tuple[int, Bool, Turning]], direction: int
+) -> bool | None:
+    """True if motion at a mark's frequency is mostly against the direction; None where it is too small to say."""
+    with_it = against = total = 0.0
+    for number, inside, turns in turning:
+        z = motion[number][inside]
+        forward, backward = turns.power(z)
         if np.isfinite(forward):
             with_it += forward if direction > 0 else backward
             against += backward if direction > 0 else forward
