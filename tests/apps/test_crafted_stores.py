@@ -161,6 +161,11 @@ def test_fits_of_earlier_numbers_are_marked_and_made_anew_when_asked(
     assert store.problems() == ()
     assert "(of an earlier rotorfit)" in run("store", "list", store.path)[1]
     assert "3 fits are of an earlier rotorfit" in run("store", "trend", store.path, "--follow", "lam")[2]
+    (tmp_path / "inbox").mkdir()
+    (tmp_path / "study.toml").write_text('model = "one-mode"\nknown = {Ds = 8.0, K = 8000.0}\n', encoding="utf-8")
+    words = ["watch", tmp_path / "inbox", "--study", tmp_path / "study.toml", "--store", store.path, "--once"]
+    assert "3 fits are of an earlier rotorfit" in run(*words, "--settle", "0")[2]
+    assert "fitted by an earlier rotorfit" in store.path.with_suffix(".html").read_text(encoding="utf-8")
     assert not store.add([tmp_path / "day0.csv"], STUDY)[0].new_fit
     assert store.refit(STUDY) == 3
     assert [(fit.test, fit.outdated) for fit in store.fits] == [(1, False), (2, False), (3, False)]

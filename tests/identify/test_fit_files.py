@@ -16,6 +16,8 @@ from sentences import refuses
 from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
+from rotorfit.base.faults import of_program
+from rotorfit.base.version import VERSIONS
 from rotorfit.identify.fitting.fit_file import fit_from_json, fit_to_json
 from rotorfit.models import Chain, EvenPolynomial, KnownStructure, MonotoneSpline, Muszynska, OneMode, WhirlWhip
 from rotorfit.models.model import RotorModel
@@ -263,3 +265,35 @@ def test_fields_of_other_types_are_refused(rig_fit, tmp_path, record, field, val
     (tmp_path / "fit.json").write_text(json.dumps(content), encoding="utf-8")
     with pytest.raises(ValueError, match=rf"fit\.json: record {record}: {field} must be of type float"):
         rf.load_fit(tmp_path / "fit.json")
+
+
+def test_a_fit_of_another_version_is_marked(rig_fit, tmp_path, caplog):
+    fit = rig_fit
+    rf.save_fit(fit, tmp_path / "fit.json")
+    rf.load_fit(tmp_path / "fit.json")
+    assert not caplog.records
+    text = (tmp_path / "fit.json").read_text(encoding="utf-8")
+    (tmp_path / "fit.json").write_text(text.replace(VERSIONS, "0.9.1, results 0"), encoding="utf-8")
+    assert rf.load_fit(tmp_path / "fit.json").redchi == fit.redchi
+    [said] = [record.getMessage() for record in caplog.records]
+    assert "fit.json was fitted by rotorfit 0.9.1, results 0, this is " in said
+
+
+@pytest.mark.parametrize("causes", [None, {"gain": 0.005}])
+def test_altered_fits_are_refused_in_words_or_read(causes, tmp_path):
+    """Nodes of the file with values of another kind, lost or exchanged: never an error of the program."""
+    from mutated_commands import altered
+
+    rig = rf.datasets.rig_lumped()
+    test = rig.select(np.flatnonzero(np.isin(rig.frequency, np.unique(rig.frequency)[::10])))
+    fit = rf.fit(WhirlWhip(), test, known={"K3": 6000.0}, causes=causes)
+    path, rng, refused = tmp_path / "fit.json", np.random.default_rng(42), []
+    for _ in range(80):
+        rf.save_fit(fit, path)
+        altered(path, rng)
+        try:
+            rf.load_fit(path).threshold_speed()
+        except ValueError as problem:
+            refused.append((of_program(problem), str(problem)))
+    assert len(refused) > 40
+    assert [words for program, words in refused if program or str(path) not in words] == []

@@ -58,13 +58,14 @@ def _tests(state: MachineState) -> Html:
         values = [fit.params.get(name) for name in names]
         cells = ["" if v is None or not math.isfinite(v.value) else _shown(v) for v in values]
         remark = fit.errors[0] if fit.errors else "" if fit.success else fit.message
+        remark += f"{'; ' * bool(remark)}fitted by an earlier rotorfit" * fit.outdated
         rows.append([test.date, str(test.number), Path(test.sources[0]).name, *cells, remark])
     heads = [_head(name, state.history[-1][1].params[name].unit) for name in names]
     count = len(state.history) + len(state.left_out)
     more = f"The latest {_SHOWN} of {count} tests; all are in the store." if count > _SHOWN else ""
     return section(
         "Tests",
-        table(["date", "test", "file", *heads, "left out because"], rows),
+        table(["date", "test", "file", *heads, "remark"], rows),
         note("Errors are those of the noise.", more),
     )
 

@@ -151,6 +151,7 @@ class FolderWatch:
     progress: StudyProgress = no_progress
     executor: Executor | None = None  # to fit with
     _seen: dict[str, tuple[str, float]] = field(default_factory=dict)  # stamp of a source, and since when
+    _earlier: int = 0  # fits of another version of the numbers that were spoken of
     _told: dict[str, str] = field(default_factory=dict)  # what was said of a source that could not be read
 
     def look(self) -> list[Added]:
@@ -186,6 +187,11 @@ class FolderWatch:
                     if not told and self._tell_alarm(_alarm_json(state, rule)):
                         with self.store.database.change() as connection:
                             connection.execute("INSERT OR IGNORE INTO alarms VALUES (?, ?)", key)
+        earlier = sum(fit.outdated for state in states for _, fit in (*state.history, *state.left_out))
+        if earlier and earlier != self._earlier:
+            said = f"{earlier} fits are of an earlier rotorfit: `rotorfit store refit` makes them anew"
+            self.tell({"event": "problem", "said": said})
+        self._earlier = earlier
         return states
 
     def _state(self, machine: str, history: History) -> MachineState:

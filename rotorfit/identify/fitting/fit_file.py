@@ -7,6 +7,7 @@ anew from these, and compared with what the file says of it.
 from __future__ import annotations
 
 import json
+import logging
 import os
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, replace
@@ -17,7 +18,7 @@ import numpy as np
 
 from rotorfit.base.atomic_file import note_input, whole_file
 from rotorfit.base.faults import of_program
-from rotorfit.base.file_reading import beginning, reading
+from rotorfit.base.file_reading import beginning, reading, shown
 from rotorfit.base.version import VERSIONS
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.identify.fitting.json_values import UserDefinedError, check_types, decode, encode
@@ -29,6 +30,7 @@ from rotorfit.models import RotorModel
 SCHEMA = 1
 """Version of the file's layout; raised when older readers would misread it."""
 
+_LOG = logging.getLogger("rotorfit")
 _FORMAT = "rotorfit fit"
 _KIND = "fit saved by rotorfit"
 
@@ -77,7 +79,8 @@ def save_fit(fit: FitResult, path: str | os.PathLike[str]) -> None:
 
 
 def load_fit(path: str | os.PathLike[str], *, model: RotorModel | None = None) -> FitResult:
-    """Read a result that :func:`save_fit` wrote: it can be printed, plotted, sampled and fitted again.
+    """Read a result that :func:`save_fit` wrote: it can be printed, plotted, sampled and fitted again. The log says
+    where another version made it.
 
     Args:
         path: the file.
@@ -97,11 +100,22 @@ def load_fit(path: str | os.PathLike[str], *, model: RotorModel | None = None) -
         if not beginning(Path(path), 64).lstrip().startswith(b"{"):
             raise ValueError(f"{path} is not JSON, so not a fit saved by rotorfit: it does not begin with a brace")
         text = Path(path).read_text(encoding="utf-8")
-    return fit_from_json(text, model=model, source=str(path))
+    fit, written_by = _read(text, model, str(path))
+    if written_by != VERSIONS:
+        _LOG.warning(
+            f"rotorfit: {path} was fitted by rotorfit {written_by}, this is {VERSIONS}: fitted again, its numbers may "
+            "differ"
+        )
+    return fit
 
 
 def fit_from_json(text: str, *, model: RotorModel | None = None, source: str = "the text") -> FitResult:
     """The result that :func:`fit_to_json` wrote."""
+    return _read(text, model, source)[0]
+
+
+def _read(text: str, model: RotorModel | None, source: str) -> tuple[FitResult, str]:
+    """The result, and the version of rotorfit that wrote it."""
     if model is not None:
         model.symbolic  # noqa: B018 - an equation of the user's own fails here, by its own words, and no file is blamed
     with reading(source, _KIND, decoded=True):
@@ -118,7 +132,7 @@ def fit_from_json(text: str, *, model: RotorModel | None = None, source: str = "
             if of_program(reason):
                 raise
             raise ValueError(f"{source}: {reason}") from reason
-    return fit
+    return fit, written_by
 
 
 def _decoded(text: str, model: RotorModel | None, source: str) -> tuple[RotorModel, dict[str, Any], str]:
@@ -144,7 +158,7 @@ def _decoded(text: str, model: RotorModel | None, source: str) -> tuple[RotorMod
     check_types(FitResult, entries)
     if entries.get("noise") is not None:
         entries["noise"] = replace(entries["noise"], found=entries["settings"].noise)
-    return own, entries, str(content["rotorfit"])
+    return own, entries, shown(str(content["rotorfit"])[:80])
 
 
 def _read_model(entry: Mapping[str, Any], given: RotorModel | None) -> RotorModel:
@@ -163,6 +177,19 @@ def _read_model(entry: Mapping[str, Any], given: RotorModel | None) -> RotorMode
     return given
 
 
+def _check_causes(fit: FitResult, what: str) -> None:
+    """Numbers of the causes are of as many causes as there are, and shares of errors have their freedom."""
+    if fit.noise is not None and len(fit.noise.shares) != len(fit.noise.freedom):
+        raise ValueError(f"{what} has {len(fit.noise.shares)} shares of its errors with the freedom of others")
+    if fit.settings.solved is not None:
+        errors, count = fit.settings.solved.errors, len(fit.settings.solved.causes)
+        of_each = (errors.size, errors.one_sided, errors.free)
+        if {one.shape for one in of_each} != {(count,)} or errors.covar.shape != (count, count):
+            raise ValueError(f"{what} has {count} causes with the errors of others")
+        if errors.moves.shape != (fit.x.size, count):
+            raise ValueError(f"{what} has causes that do not move its {fit.x.size} fitted values")
+
+
 def _check(fit: FitResult, problem: Problem, what: str) -> None:
     """The problem laid out anew must be the one that was solved."""
     names = (*problem.space.names, *problem.space.nuisance)
@@ -171,6 +198,7 @@ def _check(fit: FitResult, problem: Problem, what: str) -> None:
         raise ValueError(f"{what} has fitted {', '.join(fitted)}, but its settings make {', '.join(names)}")
     if not np.isfinite(fit.x).all():
         raise ValueError(f"{what} has fitted values that are no finite numbers")
+    _check_causes(fit, what)
     given, before = with_noise_of_data(problem, fit.settings, fit.x)
     chisqr = float(np.sum(np.abs(given.residuals(before)) ** 2))
     agreement = 1e-6  # of chi-squared: other processors and libraries round differently, other noise does not agree

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.base.file_reading import check_text, shown
+from rotorfit.estimators.inference.causes import Act
 from rotorfit.models import RotorModel
 
 _HOMES = (
@@ -178,18 +179,69 @@ def check_types(kind: Any, entries: Mapping[str, Any], where: str = "") -> None:
             raise ValueError(f"{where}{field.name} must be of type {field.type}, got {entries[field.name]!r}")
 
 
-_PLAIN = {"float": (int, float), "int": (int,), "bool": (bool,), "str": (str,), "None": (type(None),)}
+_PLAIN = {"float": (int, float), "int": (int,), "bool": (bool,), "str": (str,), "complex": (int, float, complex)} | {
+    "None": (type(None),)
+}
 """Classes of the values of fields that are annotated so."""
+_ARRAYS = {
+    "Float": "fiub",
+    "ComplexArray": "cfiub",
+    "Bool": "b",
+    "Index": "iu",
+    "Text": "UO",
+    "Records": "O",
+    "NDArray": "fiubcU",
+}
+"""Kinds of the numbers of arrays that are annotated so."""
+_SEVERAL = {
+    "Experiment": "PerturbationTest | DisplacementTest | StaticTest | ImpulseTest | RingDownTest | CoefficientTable | "
+    "LineTest",
+    "Terms": "tuple[tuple[complex, int, int], ...]",
+    "Entries": "tuple[tuple[int, int, float], ...]",
+    "Uncertainty": "float | Mapping[str, float]",
+    "PhaseOffsets": "bool | str",
+    "Loss": "str",
+    "Method": "str",
+}
+"""Annotations that stand for others."""
 
 
 def _is_of(value: Any, annotation: str) -> bool:
-    """True if a value is what a field is annotated with, as far as that is a plain type or a tuple of one."""
-    if annotation.startswith("tuple[") and annotation.endswith(", ...]"):
-        return isinstance(value, tuple) and all(_is_of(item, annotation[6:-6]) for item in value)
-    classes = [_PLAIN.get(word) for word in annotation.split(" | ")]
-    if None in classes:
-        return True
-    return any(isinstance(value, own) and (bool in own or not isinstance(value, bool)) for own in classes if own)
+    """True if a value is what a field is annotated with, as far as that is known here."""
+    return any(_is_one(value, one) for one in _parts(_SEVERAL.get(annotation, annotation), "|"))
+
+
+def _is_one(value: Any, annotation: str) -> bool:
+    name, _, rest = annotation.partition("[")
+    inside = _parts(rest.removesuffix("]"), ",")
+    if name in _PLAIN:
+        return isinstance(value, _PLAIN[name]) and (name == "bool" or not isinstance(value, bool))
+    if name in _ARRAYS:
+        of_rows = name != "Records" or all(_is_of(row, "tuple[tuple, ...]") for row in np.ravel(value))
+        return isinstance(value, np.ndarray) and value.dtype.kind in _ARRAYS[name] and of_rows
+    if name == "tuple" and not rest:
+        return isinstance(value, tuple)
+    if name == "tuple":
+        kinds = [inside[0]] * len(value) if inside[-1] == "..." and isinstance(value, tuple) else inside
+        return isinstance(value, tuple) and len(value) == len(kinds) and all(map(_is_of, value, kinds))
+    if name == "Mapping":
+        return isinstance(value, Mapping) and all(
+            _is_of(k, inside[0]) and _is_of(v, inside[1]) for k, v in value.items()
+        )
+    kind = Act if name == "Act" else _home(name)  # several records act in one way or another
+    return kind is None or isinstance(value, kind)
+
+
+def _parts(annotation: str, mark: str) -> list[str]:
+    """Pieces of an annotation between marks that stand in no brackets."""
+    found, depth = [""], 0
+    for letter in annotation:
+        depth += (letter == "[") - (letter == "]")
+        if letter == mark and not depth:
+            found.append("")
+        else:
+            found[-1] += letter
+    return [piece.strip() for piece in found]
 
 
 def _decode_model(value: Mapping[str, Any]) -> RotorModel:

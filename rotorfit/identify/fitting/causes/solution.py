@@ -266,6 +266,8 @@ def linear_causes(problem: Problem, x: Float, solved: SolvedCauses) -> LinearCau
 
 def shifted(problem: Problem, shift: Sequence[ComplexArray]) -> Problem:
     """The problem with what causes add to the predictions taken out of its readings."""
+    if [np.shape(part) for part in shift] != [b.measured.shape for b in problem.blocks]:
+        raise ValueError("what its causes add to the readings is not of as many readings as the data have")
     blocks = (b.with_measured(b.measured - part) for b, part in zip(problem.blocks, shift, strict=True))
     return replace(problem, blocks=tuple(blocks))
 
