@@ -35,7 +35,7 @@ class Objective(Protocol):
 class Status(Enum):
     """How a minimisation ended; the value is the message for the user."""
 
-    CONVERGED = "converged: the remaining step is negligible against the misfit"
+    CONVERGED = "converged"
     ITERATION_LIMIT = "stopped at the iteration limit: the estimate is the best point seen, not a minimum"
     SINGULAR = "not unique: the cost is minimal, but some change of the parameters leaves it unchanged"
     STALLED = "stalled: no further decrease was possible, yet the best point seen is not a minimum"

@@ -58,8 +58,8 @@ def fit(
 ) -> FitResult:
     """Fit a model by weighted nonlinear least squares on the complex responses.
 
-    The search begins at the closed form or what stands in for it (:attr:`FitResult.start`), takes Gauss-Newton steps,
-    and goes on with Ipopt where these do not lead to the optimum.
+    The search begins at the closed form or, where there is none, at the start that :attr:`FitResult.start` names. It
+    takes Gauss-Newton steps, and goes on with Ipopt where these do not lead to the optimum.
 
     Args:
         model: the rotor, for instance ``rf.models.WhirlWhip()``.

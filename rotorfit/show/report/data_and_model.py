@@ -132,8 +132,8 @@ def refinement_section(material: ReportInput) -> Html:
         rows.append([structure_name(step.model), *numbers, "chosen" if step is refinement.best else ""])
     words = (
         "Structural blocks that a lumped model leaves out (coupling mass, gyroscopic, damping between and within, "
-        "out-of-band modes) were tried whole, each together with those already taken in. The smallest candidate is "
-        "chosen whose Akaike information criterion the data cannot tell from the lowest one."
+        "out-of-band modes) were added one block at a time. Of the candidates with indistinguishable AIC, the simplest "
+        "is chosen."
     )
     again = " The chosen model was then fitted again, each response weighted by its residuals; its row is that fit."
     words += again if refinement.best.settings.noise_scale else ""

@@ -144,7 +144,7 @@ def _satterthwaite(parts: Sequence[float], freedom: Sequence[float]) -> float:
 VERDICTS = {
     NoiseVerdict.AS_FOUND: "the residuals are noise of the size that was given, or estimated from the data alone",
     NoiseVerdict.SHAPED: (
-        "the residuals are noise of another size or shape than estimated from the data alone; they were weighted by it"
+        "it was re-estimated from the residuals, because the estimate from sweep to sweep did not match"
     ),
     NoiseVerdict.LARGER: "the residuals are larger than the sigma of the readings, and not correlated along the sweeps",
     NoiseVerdict.CORRELATED: (
