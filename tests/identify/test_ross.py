@@ -426,17 +426,38 @@ def test_what_the_table_is_called_belongs_to_the_line_of_ross(fit):
     assert finer.between < newer.between / 10 < 0.1
 
 
+def test_an_element_holds_the_coefficients_that_tables_print():
+    """Of a fluid whose damping falls by 30 % when the speed doubles, which the fit finds."""
+    model, fixed = rf.models.OneMode(), {"K": 8e3, "Ds": 8.0}
+    true, slow, fast = {"M": 1.2, **fixed, "K0": 9e3, "D": 450.0, "lam": 0.46, "Mf": 0.4}, 1000.0, 1800.0
+    rpm = [*range(-3000, 0, 120), *range(120, 3001, 120)]
+    tests = [
+        rf.simulate(model, {**true, "D": d}, speed_rpm=v, frequency_rpm=rpm, force=5.0, noise=0.005, seed=int(v))
+        for v, d in ((slow, 489.0), (fast, 411.0))
+    ]
+    fit = rf.fit(model, tests, known=fixed)
+    assert fit.causes["speed[D]"].found
+    speeds = np.array([0.5, 1.0, 1.3, 1.6, 1.8]) * slow * np.pi / 30
+    table = fit.to_ross(speeds, version="3.1", nodes={"journal": 3})["journal"].arguments
+    for row, speed in enumerate(table["speed"]):
+        for name in ("Kxx", "Kxy", "Cxx", "Cxy", "Mxx"):
+            found = table.get(name.lower(), [0.0] * len(table["speed"]))[row]
+            assert found == pytest.approx(fit.coefficients(speed)[name].value, rel=1e-12)
+    assert table["cxx"][0] > 1.2 * table["cxx"][-1]
+
+
 def test_supports_become_elements_of_their_own():
     model = from_file("2.3.0", damping="disk")
     odd = rf.models.Orthotropic(KnownStructure.from_ross(FILES / "shaft-2.3.0.mat", planes=PLANES, supports="oil"))
     from rotorfit.lab.io.shafts.ross_elements import ross_elements
 
     common = {"speeds": [0, 1, 2, 3, 4], "version": 3, "nodes": None, "element": "seal", "eccentricity": 0.0}
-    both = ross_elements(model, model.vector({"Ds": 4.0, "K0": 1e4, "D": 5.0, "lam": 0.4, "Mf": 0.1}), **common)
+    fluid = model.vector({"Ds": 4.0, "K0": 1e4, "D": 5.0, "lam": 0.4, "Mf": 0.1})
+    both = ross_elements(model, lambda speed: fluid, **common)
     assert both["disk"].arguments == {"n": 2, "kxx": 0.0, "cxx": 4.0, "cyy": 4.0, "tag": "disk"}
     assert both["oil"].kind == "SealElement"
     theta = odd.vector({"Ks": 1e5, "Ds": 20.0, "dKs": 2e4, "dDs": 4.0})
-    support = ross_elements(odd, theta, **common)["oil"].arguments
+    support = ross_elements(odd, lambda speed: theta, **common)["oil"].arguments
     assert support == {"n": 4, "kxx": 1.1e5, "kyy": 0.9e5, "cxx": 22.0, "cyy": 18.0, "tag": "oil"}
 
 

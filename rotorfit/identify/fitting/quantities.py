@@ -26,6 +26,9 @@ THRESHOLD = "threshold_speed"
 CAUSE = "cause "
 """Before the name of a cause, where it stands beside names of parameters."""
 
+_OF_EACH_TEST = ("drift", "clock")
+"""Causes that two tests of one rig do not have in common."""
+
 _NEWTON = {"kg": 1, "m": 1, "s": -2}
 _SHOWN = ({"N": 1, "m": -1}, {"N": 1}, {"N": 1, "s": 1, "m": -1}, {"N": 1, "m": 1})
 """Units with a newton that are written as such: stiffness, force, damping, moment."""
@@ -136,6 +139,30 @@ class Number:
 
     def __rtruediv__(self, other: float) -> Quantity:
         return self**-1.0 * other
+
+    def change_from(self, before: Number) -> Quantity:
+        """The number less the same one of another test of the same rig, read by the same probes.
+
+        What both rest on, a probe's gain or a known value, is in both alike and counts by its difference; ``-`` takes
+        the errors of two fits for independent. Causes that each sweep has anew, ``drift`` and ``clock``, count twice.
+
+        Args:
+            before: of the other fit.
+
+        Example:
+            >>> later = rf.fit(fit.model, rig, known={"K3": 6000.0})
+            >>> change = later.params["D"].change_from(fit.params["D"])
+            >>> change.stderr < 0.2 * fit.params["D"].stderr
+            True
+        """
+        a, b, apart = self._quantity, before._quantity, self - before
+        mine, its = a.error, b.error
+        if a.source is b.source or mine is None or its is None:
+            return apart
+        names = {**mine.on_trust, **its.on_trust}
+        pairs = {name: (mine.on_trust.get(name, 0.0), its.on_trust.get(name, 0.0)) for name in names}
+        trust = [math.hypot(x, y) if name in _OF_EACH_TEST else x - y for name, (x, y) in pairs.items()]
+        return replace(apart, stderr=math.hypot(mine.noise, its.noise, mine.bounded, its.bounded, *trust))
 
     def sqrt(self) -> Quantity:
         """Square root, which NumPy asks for."""

@@ -814,12 +814,18 @@ class FitResult:
         """
         from rotorfit.lab.io.shafts.ross_elements import ross_elements
 
-        rows, onset = np.asarray(speeds, dtype=float), self.onset(self.group(at))
-        if onset is not None and rows.size and rows.min() < onset.speed < rows.max():
-            rows = np.append(rows, onset.speed)
-        theta = self.theta(at)
+        rows, group = np.asarray(speeds, dtype=float), self.group(at)
+        onset = self.threshold_of(group).value
+        if rows.size and rows.min() < onset < rows.max():
+            rows = np.append(rows, onset)
         return ross_elements(
-            self.model, theta, rows, version=version, nodes=nodes, element=element, eccentricity=eccentricity
+            self.model,
+            lambda speed: self.theta_at(group, speed),
+            rows,
+            version=version,
+            nodes=nodes,
+            element=element,
+            eccentricity=eccentricity,
         )
 
     # ---- posterior, imported when asked for --------------------------------------------------------------------------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
@@ -78,7 +78,7 @@ class RossElement:
 
 def ross_elements(
     model: RotorModel,
-    theta: Float,
+    values_at: Callable[[float], Float],
     speeds: ArrayLike,
     *,
     version: str | int | None,
@@ -86,7 +86,7 @@ def ross_elements(
     element: ElementKind,
     eccentricity: float,
 ) -> dict[str, RossElement]:
-    """Elements by plane, see :meth:`rotorfit.identify.fitting.result.FitResult.to_ross`."""
+    """Elements by plane, see :meth:`rotorfit.identify.fitting.result.FitResult.to_ross`; values at rotative speeds."""
     if element not in _CLASSES:
         raise ValueError(f"element is {element!r}; allowed: {', '.join(map(repr, _CLASSES))}")
     given = installed_ross() if version is None else str(version)
@@ -100,7 +100,7 @@ def ross_elements(
             f"holds what is quadratic in speed; got {at.tolist()}"
         )
     forces = {  # real matrices of x and y by powers of s, shape (speeds, 3, 2, 2)
-        plane: np.array([plane_force(model, theta, speed, plane, eccentricity).values for speed in at.tolist()])
+        plane: np.array([plane_force(model, values_at(v), v, plane, eccentricity).values for v in at.tolist()])
         for plane in force_planes(model)
     }
     forces = {plane: force for plane, force in forces.items() if force.any()}
