@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from rotorfit.base.array_types import ROUND_OFF, Bool, ComplexArray, Float, Index
 from rotorfit.models.model import RotorModel
-from rotorfit.models.shafts.angular_rates import angular_rate, angular_rates
+from rotorfit.models.shafts.angular_rates import HIGHEST_RATE, angular_rate, angular_rates
 from rotorfit.models.shafts.turning import unstable_bands
 
 SPEEDS = 600  # speeds searched for an onset
@@ -299,7 +299,7 @@ def search_limits(model: RotorModel, theta: Float, band: float) -> tuple[float, 
     # The many modes of a known structure above those that the coordinates can follow only add round-off.
     round_off = ROUND_OFF * float(rest[-1]) if rest.size and model.shaft is not None else 0.0
     rest = rest[: model.order * len(model.coordinates)]
-    return 30.0 * float(rest[-1]) if rest.size else 1e4, round_off
+    return min(30.0 * float(rest[-1]), HIGHEST_RATE) if rest.size else 1e4, round_off
 
 
 def threshold_speeds(model: RotorModel, theta: ArrayLike, *, band: float = math.inf) -> tuple[Float, Float]:

@@ -48,3 +48,24 @@ def test_missing_columns_name_the_way_to_say_them(tmp_path) -> None:
     path.write_text("frequency_rpm,force_N,amplitude,phase_deg\n1000,5,10,20\n1100,5,11,21\n")
     with pytest.raises(ValueError, match=r"missing columns: .*--column NAME=THEIRS"):
         rf.read(path)
+
+
+@pytest.mark.parametrize(
+    ("unit", "said"),
+    [("furlong", "m, mm, um, nm, in, mil"), ("dyn", "m, mm, um, nm, in, mil"), ("db", "a level in dB")],
+)
+def test_an_unknown_unit_leads_to_those_of_the_quantity(tmp_path: Path, unit: str, said: str) -> None:
+    """And to no other quantity, such as an angle that is spelled alike."""
+    head = HEAD.format(force="force_N").replace("amplitude_um", f"amplitude_{unit}")
+    with pytest.raises(ValueError, match=r"missing columns: amplitude_um") as refused:
+        read(tmp_path, head)
+    assert said in str(refused.value)
+    assert "did you mean" not in str(refused.value)
+
+
+@pytest.mark.parametrize(("column", "name"), [("averages", "averages"), ("probe_radius_mm", "probe_radius_m")])
+def test_a_column_that_only_another_would_need_is_kept_as_an_attribute(tmp_path: Path, column: str, name: str) -> None:
+    """Averages without a coherence, a radius without slopes: nothing that a file says is dropped without a word."""
+    test = read(tmp_path, f"{HEAD.format(force='force_N')},{column}", f"{ROW},30")
+    assert isinstance(test, rf.PerturbationTest)
+    assert test.attributes[name][0] == pytest.approx(30 if column == "averages" else 0.03)

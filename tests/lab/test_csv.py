@@ -166,7 +166,10 @@ def test_speeds_that_jitter_are_one_speed_and_others_are_left_alone(tmp_path):
         (f"{HEADER}\n{ROW.replace(',x,', ',u,')}\n", "unknown direction 'u'.*x, y, z"),
         (f"{HEADER}\n{ROW.replace('disk,x', ',x')}\n", "line 2, column 'plane' is blank"),
         (f"{HEADER},sigma_um\n{ROW},0\n", "column 'sigma_um': 0 must be positive"),
-        (f"{HEADER},sigma_umm\n{ROW},1\n", r"unknown column 'sigma_umm'; unknown unit 'umm'\. Allowed: m, m_pk"),
+        (
+            f"{HEADER},sigma_umm\n{ROW},1\n",
+            r"unknown column 'sigma_umm'; unknown unit 'umm'\. Allowed: m, mm, um, nm, in, mil\.",
+        ),
         (f"{HEADER},sigm_um\n{ROW},1\n", r"unknown column 'sigm_um'; did you mean 'sigma_um'\?"),
         (f"{HEADER},frequency_hz\n{ROW},1\n", "frequency is given twice, as frequency_rpm and frequency_hz"),
         (f"{HEADER},mr_g_mm\n{ROW},1\n", "both force_N and mr_g_mm are given"),

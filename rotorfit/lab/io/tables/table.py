@@ -343,7 +343,8 @@ def _refuse_missing(table: Table, others: Sequence[str], missing: Sequence[str],
     names = ["run", "force_plane", "plane", "direction", *(f"{p}_{unit}" for p, us in PREFIXES.items() for unit in us)]
     unknown = []
     for name in map(table.names.__getitem__, others):
-        near, odd = nearest(name.lower(), names, 0.6), _odd_unit(name.lower())
+        odd = _odd_unit(name.lower())
+        near = nearest(name.lower(), names, 0.85 if odd else 0.6)  # no other quantity than the one that is named
         unknown.append(f"{name!r} (did you mean {near!r}?)" if near else f"{name!r}{odd}")
     raise ValueError(
         f"{table.source}: missing columns: {', '.join(missing)}. Columns not recognised: "
@@ -360,7 +361,13 @@ def _odd_unit(name: str) -> str:
     unit = name[len(prefix) + 1 :]
     if unit.partition("_")[0] in ("db", "dbm", "dbv"):
         return " (a level in dB: its amplitude is the reference times 10^(dB/20))"
-    return f" (its unit {unit!r} is none of {', '.join(PREFIXES[prefix])})"
+    return f" (its unit {unit!r} is none of {', '.join(_units_of(prefix))})"
+
+
+def _units_of(prefix: str) -> list[str]:
+    """Units that a quantity usually has, for sentences: of readings lengths, without the ways to say an amplitude."""
+    usual = UNITS["length"] if prefix in ("amplitude", "real", "imag", "sigma") else PREFIXES[prefix]
+    return [unit for unit in usual if not unit.endswith(("_pk", "_0p", "_pp", "_rms"))]
 
 
 def _refuse_mistaken(table: Table, name: str, known: str) -> None:
@@ -375,7 +382,7 @@ def _refuse_mistaken(table: Table, name: str, known: str) -> None:
             "an attribute of the test, give it another name"
         )
     if prefix or near:
-        tail = unknown_name("unit", name[len(prefix) + 1 :], PREFIXES[prefix]) if prefix else ""
+        tail = f"{unknown_name('unit', name[len(prefix) + 1 :], _units_of(prefix))}." if prefix else ""
         raise ValueError(
             f"{table.source}: unknown column {table.names[name]!r}; "
             f"{tail or f'did you mean {near!r}?'} If it is an attribute of the test, give it another name"

@@ -188,6 +188,10 @@ def _perturbation(table: Table, speed_tolerance: float) -> PerturbationTest:
         columns.refuse(said[FORCE_SIGMA] < 0, "force_sigma", "must not be negative; zero where the force is known")
     if columns.has("coherence") and not columns.has("averages"):
         said["coherence"] = columns.number("coherence", blank=True)
+    if columns.has("averages") and not columns.has("coherence"):  # what nothing asks for is of the test
+        said["averages"] = columns.number("averages", blank=True)
+    if columns.has("probe_radius") and not np.char.startswith(direction, "r").any():
+        said["probe_radius_m"] = columns.number("probe_radius", blank=True)
     omega = columns.number("speed")
     for name, values in {"force": force, "response": reading, "frequency": w, "speed": omega}.items():
         columns.refuse(~np.isfinite(values), "run", f"is a row whose {name} overflows; check its units")

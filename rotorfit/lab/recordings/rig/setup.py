@@ -136,10 +136,16 @@ def word(where: str, value: Any) -> str:
     return value.strip()
 
 
-def _unit(where: str, value: Any) -> str:
-    if channel_unit(word(where, value)) is None:
-        raise ValueError(f"{where} must be one of {ALLOWED}; got {value!r}")
-    return str(value)
+def _unit_of(*quantities: str) -> Reader:
+    """Reader of a unit; the sentence that refuses one lists those of the quantities that are meant."""
+
+    def read(where: str, value: Any) -> str:
+        if channel_unit(word(where, value)) is None:
+            allowed = ", ".join(unit for quantity in quantities for unit in UNITS_OF_CHANNELS[quantity])
+            raise ValueError(f"{where} must be one of {allowed}; got {value!r}")
+        return str(value)
+
+    return read
 
 
 def _choice(**allowed: Any) -> Reader:
@@ -182,7 +188,7 @@ class Probe:
     # voltage while the shaft is in the centre of its bearing, V; None: not known
     centre: float | None = _said({"centre_V": number})
     # in which its channel is scaled already; None: volts, or as the file says
-    unit: str | None = _said({"unit": _unit})
+    unit: str | None = _said({"unit": _unit_of("length", "velocity", "acceleration", "voltage")})
     # time by which its channel is late against the marks, s; None: on time
     delay: float | None = _said(_in_units("delay", {"s": 1.0, "ms": 1e-3, "us": 1e-6}))
     # V/m; positive: the signal rises as the target approaches
@@ -222,7 +228,8 @@ class ForceSetup:
     channel_x: str | None = _said({"channel_x": word})  # channel of a measured force along x
     channel_y: str | None = _said({"channel_y": word})  # channel of a measured force along y
     sensitivity: float | None = _said(_in_units("sensitivity", _FORCE_SENSITIVITIES, _nonzero))  # of these, V/N
-    unit: str | None = _said({"unit": _unit})  # in which these are scaled already; None: volts, or as the file says
+    # in which these are scaled already; None: volts, or as the file says
+    unit: str | None = _said({"unit": _unit_of("force", "voltage")})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -278,7 +285,9 @@ class Scale:
     volts_per_count: float | None = _said({"volts_per_count": _nonzero})  # None where the full scale is given
     full_scale: float | None = _said({"full_scale_V": positive})  # volts at the largest count that the file can hold
     offset: float = _said({"offset_V": number}, default=0.0)  # volts at count zero
-    unit: str | None = _said({"unit": _unit})  # in which it is scaled already; None: volts, or as the file says
+    unit: str | None = _said(
+        {"unit": _unit_of(*UNITS_OF_CHANNELS)}
+    )  # in which it is scaled already; None: volts, or as the file says
 
 
 @dataclass(frozen=True, kw_only=True)
