@@ -390,3 +390,20 @@ def test_the_legend_names_the_frequency_that_the_table_has(rig_fit: rf.FitResult
     for frequency, _ in fit.natural_frequencies(top):
         rpm = abs(frequency.value) * 30 / np.pi
         assert rpm < 100 or f"{rpm:.0f} rpm at" in words
+
+
+def test_modes_against_speed_are_those_of_the_tables_with_the_causes_found() -> None:
+    """The bundled rig's gyroscopic effects move its threshold by 1.4 %: the curve of growth crosses zero there."""
+    fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
+    figure = fit.plot.stability()
+    growth, frequency = (axis.get_lines() for axis in figure.axes[:2])
+    to_rad_s, onset = np.pi / 30, fit.threshold_speed().value
+    curves = [np.asarray(line.get_xydata(), dtype=float) for line in growth if len(line.get_xdata()) > 100]
+    rising = next(curve for curve in curves if curve[-1, 1] > 0)
+    crossed = to_rad_s * np.interp(0.0, rising[:, 1], rising[:, 0])
+    assert abs(crossed - onset) < 0.1 * abs(fit.onset(0).speed - onset)  # what is to second order
+    tested = float(fit.speeds[-1])
+    drawn = [np.asarray(line.get_xydata(), dtype=float) for line in frequency if len(line.get_xdata()) > 100]
+    shown = sorted(to_rad_s * np.interp(tested / to_rad_s, *line.T) for line in drawn[:4])
+    printed = sorted(mode.value for mode, _ in fit.natural_frequencies(tested))
+    np.testing.assert_allclose(shown, printed, rtol=1e-6, atol=1e-6)

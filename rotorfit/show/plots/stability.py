@@ -12,6 +12,7 @@ from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.base.digits import interval as interval_words
 from rotorfit.base.digits import with_error
 from rotorfit.base.matching import cheapest_rows
+from rotorfit.identify.fitting.causes.slopes import eigenvalue_slopes
 from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.models import eigenvalues
@@ -41,7 +42,7 @@ def plot_stability(fit: FitResult, *, sheet: style.Sheet, group: int = 0) -> Fig
     top = 1.5 * max(fastest, 1.0) if onset is None else 1.25 * max(onset.value, fastest)
     speeds = np.union1d(np.linspace(0.0, top, 400), tested[-1:])  # at which the legend and tables name frequencies
     named_at = int(np.argmin(np.abs(speeds - tested.max(initial=0.0))))
-    s, x = _modes(fit, fit.thetas[group], speeds, named_at), speeds * sheet.per_rad_s
+    s, x = _modes(fit, group, speeds, named_at), speeds * sheet.per_rad_s
     label = group_label(fit, group)
     title = f"Stability, {fit.model.name}" + (f", {style.literal(label)}" if label else "")
     figure, axes = sheet.grid(2, 2, title, size=(5.4, 2.6))
@@ -159,20 +160,41 @@ def _unstable_half(axis: Any, values: Float, *, above: bool) -> None:
     axis.axhspan(*((0, -low) if above else (low, 0)), color=_THRESHOLD, alpha=0.1, lw=0)
 
 
-def _modes(fit: FitResult, theta: Float, speeds: Float, at: int) -> ComplexArray:
-    """Eigenvalues up to the band at each speed, each column those of one mode, with the sign of its whirl at one of the
-    speeds: in x and y one of each conjugate pair."""
-    s = eigenvalues(fit.model, np.broadcast_to(theta, (speeds.size, theta.size)), speeds)
+def _modes(fit: FitResult, group: int, speeds: Float, at: int) -> ComplexArray:
+    """Eigenvalues of the rotor with the causes that were found, up to the band, at each speed; each column those of one
+    mode, with the sign of its whirl at one of the speeds: in x and y one of each conjugate pair."""
+    theta = fit.theta_at(group, float(speeds[at]))
+    s = eigenvalues(fit.model, np.array([fit.theta_at(group, speed) for speed in speeds.tolist()]), speeds)
     for k in range(1, len(s)):
         guess = s[k - 1] if k == 1 else 2 * s[k - 1] - s[k - 2]
         s[k] = s[k][cheapest_rows(np.nan_to_num(np.abs(s[k][:, None] - guess), nan=1e12))]
     s = np.where(np.abs(s) <= fit.stability_band, s, complex(np.nan, np.nan))
     s = s[:, np.isfinite(s).any(axis=0)]
+    s = s + _shifts(fit, group, speeds, s, at)
     if fit.model.frame != "xy":
         return s
     s = s[:, s[at].imag >= 0]
     forward = whirls_forward(fit.model, theta, float(speeds[at]), s[at])
     return np.asarray(s.real + 1j * np.where(forward, 1.0, -1.0) * np.abs(s.imag))
+
+
+def _shifts(fit: FitResult, group: int, speeds: Float, s: ComplexArray, at: int) -> ComplexArray:
+    """What causes beside the values of the model change of eigenvalues, as the tables of modes have it: worked out at
+    some speeds, and along straight lines between them."""
+    solved = fit.settings.solved
+    found = np.zeros_like(s)
+    if solved is None:
+        return found
+    places = np.unique([at, *np.linspace(0, speeds.size - 1, 21).astype(int)])
+    for mode in range(s.shape[1]):
+        some = places[np.isfinite(s[places, mode])]
+        if some.size:
+            moved = [
+                eigenvalue_slopes(fit.model, fit.theta_at(group, v), v, value, solved) @ solved.errors.value
+                for v, value in zip(speeds[some].tolist(), s[some, mode].tolist(), strict=True)
+            ]
+            found[:, mode] = np.interp(speeds, speeds[some], moved)
+    return found
 
 
 def _mode_names(sheet: style.Sheet, s: ComplexArray, at: float) -> list[str]:
