@@ -266,6 +266,7 @@ def test_a_search_that_went_astray_blames_itself_and_not_the_data(start: dict[st
         values = {name: float(value) for name, value in re.findall(r"(\w+)=(-?[\d.e+-]+\d)", found[0].undo or "")}
         assert values == pytest.approx({name: truth[name] for name in values}, rel=0.2)
         assert set(values) == {"M", "K0", "D", "lam", "Mf"}
+        assert "The search ended in a local minimum" in astray.summary()
 
 
 def test_an_internal_problem_of_the_diagnosis_is_the_programs_own(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -282,6 +283,7 @@ def test_an_internal_problem_of_the_diagnosis_is_the_programs_own(monkeypatch: p
     (own,) = [one for one in again if one.code == "internal-problem"]
     assert own.severity == "warning"
     assert "not of these data" in own.message
+    assert own.message in replace(fit).summary()
     assert "IndexError" in own.message
 
 

@@ -20,7 +20,7 @@ from rotorfit.identify.uncertainty.bootstrap import Bootstrap
 from rotorfit.identify.uncertainty.posterior import Posterior
 from rotorfit.identify.uncertainty.profile import Profile
 from rotorfit.lab.data.experiments import Experiment, LineTest, PerturbationTest
-from rotorfit.lab.data.findings import Finding, attributed, error_sentence, errors_in, warnings_in
+from rotorfit.lab.data.findings import Finding, attributed, error_sentence, errors_in, of_the_fit, warnings_in
 from rotorfit.models import LAWS, MODELS, AnisotropicShaft, KnownStructure, Modal, Orthotropic, RotorModel
 
 
@@ -62,7 +62,10 @@ class Outcome:
     def warnings(self) -> tuple[str, ...]:
         """The warnings of the data check and of the fit, in words."""
         sources = [test.source or test.title for test in self.experiments]
-        return (*warnings_in(attributed(self.findings, sources)), *(f"warning: {text}" for text in self.best.warnings))
+        own = [
+            f"warning: {text}" for text in (*(one.words for one in of_the_fit(self.fit.findings)), *self.best.warnings)
+        ]
+        return (*warnings_in(attributed(self.findings, sources)), *own)
 
     @property
     def failure(self) -> str:

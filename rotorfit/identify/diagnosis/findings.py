@@ -47,7 +47,7 @@ from rotorfit.identify.fitting.fit import fitted, solve
 from rotorfit.identify.fitting.problem_setup import build_problem
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.experiments import PerturbationTest
-from rotorfit.lab.data.findings import Finding, attributed, errors_in
+from rotorfit.lab.data.findings import INTERNAL_PROBLEM, LOCAL_MINIMUM, Finding, attributed, errors_in
 from rotorfit.lab.data.probes import at_common_zero
 from rotorfit.models.parameters import bare_name
 
@@ -65,7 +65,7 @@ def findings_of(fit: FitResult) -> tuple[Finding, ...]:
             f"{problem}). The fit stands; errors of the data that only trial fits show were not looked for. Please "
             "report it."
         )
-        found.append(Finding("warning", "internal-problem", text))
+        found.append(Finding("warning", INTERNAL_PROBLEM, text))
     return tuple(found)
 
 
@@ -201,7 +201,7 @@ def _elsewhere(fit: FitResult, problem: Problem, tried: Sequence[Explanation]) -
         f"data and model have redchi {redchi}. Fit again from these (start=, --start {start}), and look at the units "
         "of forces, readings and known values if they surprise."
     )
-    return Finding("warning", "local-minimum", text, undo=f"start from {start}")
+    return Finding("warning", LOCAL_MINIMUM, text, undo=f"start from {start}")
 
 
 def _explanations(

@@ -24,7 +24,7 @@ from rotorfit.identify.fitting.noise.record import NoiseVerdict, is_run_effect
 from rotorfit.identify.fitting.noise.residual_study import VERDICTS
 from rotorfit.identify.fitting.quantities import FittedParameter, Number, Quantity
 from rotorfit.identify.fitting.result import FitResult
-from rotorfit.lab.data.findings import errors_in
+from rotorfit.lab.data.findings import errors_in, of_the_fit
 from rotorfit.models import RotorModel, TurningOnSupports, eigenvalues, unstable_bands
 from rotorfit.models.motion.stability import growing_bands
 from rotorfit.models.parameters import bare_name
@@ -61,9 +61,9 @@ def combined(fit: FitResult, combination: Combination) -> str:
 
 
 def fit_summary(fit: FitResult) -> str:
-    """Errors of the data, then :func:`fit_table`."""
+    """Errors of the data, then :func:`fit_table`, and what the diagnosis found of the fit itself."""
     errors = (f"ERROR in the data, no number below can be relied on: {words}" for words in errors_in(fit.findings))
-    return "\n".join([*errors, fit_table(fit)])
+    return "\n".join([*errors, fit_table(fit), *(f"warning: {one.words}" for one in of_the_fit(fit.findings))])
 
 
 def fit_table(fit: FitResult) -> str:

@@ -123,6 +123,15 @@ def warnings_in(findings: Iterable[Finding]) -> list[str]:
     ]
 
 
+LOCAL_MINIMUM, INTERNAL_PROBLEM = "local-minimum", "internal-problem"
+"""Codes of what a diagnosis finds of the fit itself, and of the program."""
+
+
+def of_the_fit(findings: Iterable[Finding]) -> list[Finding]:
+    """Findings about a fit and the program, not about its data."""
+    return [found for found in findings if found.code in (LOCAL_MINIMUM, INTERNAL_PROBLEM)]
+
+
 NO_COPIES = "A copy is no second measurement and makes errors look smaller than they are. Leave it out."
 """Sentence on readings, runs and recordings that are there twice."""
 
