@@ -172,6 +172,11 @@ class Modal(RotorModel):
         return False
 
     @property
+    def mode_count(self) -> int:
+        """See :attr:`RotorModel.mode_count`."""
+        return self.modes
+
+    @property
     def alternatives(self) -> tuple[RotorModel, ...]:
         """See :attr:`RotorModel.alternatives`: without and with terms of modes outside the band."""
         return () if self.residuals is not None else tuple(self.variant(residuals=one) for one in (False, True))

@@ -43,6 +43,7 @@ SETTINGS = {
     "modes": 2,
     "gains": "plane",
     "apart": True,
+    "residuals": False,
     "loss": "huber",
     "phase_offsets": True,
     "method": "ipopt",

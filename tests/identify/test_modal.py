@@ -515,3 +515,12 @@ def test_one_mode_among_the_damped_ones_of_its_bearings() -> None:
     assert fit.params["zeta"].value == pytest.approx(0.0156, abs=0.0005)
     plain = rf.fit(rf.models.Modal(EIGHT, gains="plane", force_planes=("s0",), residuals=False), test)
     assert plain.redchi > 100 * fit.redchi
+
+
+def test_modes_and_not_planes_are_compared_with_what_weights_show() -> None:
+    """Weights at two planes of a rotor kit near its first critical speed: one mode is seen."""
+    test = rf.read(rf.datasets.path("rk4_sync.csv"))
+    two = rf.models.Modal(planes=("disk2", "disk1"), gains="probe", modes=2)
+    with refuses(ValueError):
+        rf.fit(two, test, phase_offsets="common")
+    assert rf.fit(two.variant(modes=1), test, phase_offsets="common").success

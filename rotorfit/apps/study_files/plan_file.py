@@ -134,7 +134,7 @@ def _design(key: str, value: Any) -> Design:
     return Design(**{name: _DESIGN[name](f"{key}.{name}", item) for name, item in value.items()})
 
 
-_MODEL = (*MODEL, *LAW, "modes", "gains", "apart")
+_MODEL = (*MODEL, *LAW, "modes", "gains", "apart", "residuals")
 _KEYS: dict[str, Parser] = {
     "model": text,
     **{name: FIT[name].kind.toml for name in (*_MODEL, "known", "priors", "per", "phase_offsets")},

@@ -136,6 +136,8 @@ def build_model(study: Study, experiments: Sequence[Experiment]) -> RotorModel:
         options |= modal_options(tuple(study.planes), experiments)
     names = ("modes", "gains", "apart", "blocks", "two_lam", "probes", "clearance_um")
     options |= {name: given for name in names if is_set(given := getattr(study, name)) and given != 0}
+    if study.residuals is not None:
+        options["residuals"] = study.residuals
     if study.law:
         if study.law not in LAWS:
             raise ValueError(unknown_name("law", study.law, LAWS))

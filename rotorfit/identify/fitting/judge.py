@@ -262,7 +262,7 @@ def _standard_errors(
         verdict = along_valley(problem, x, scattered, scales, verdict)
     known = freedom_of(problem.blocks)
     widening = covariance.widening(redchi, problem.loss, rescaled=settings.rescaled, nfree=nfree, freedom=known)
-    covar = scattered * widening
+    covar = scattered if widening == 1 else scattered * widening
     if problem.priors and widening > 1 and sandwich is None:
         # what is known beforehand is no less certain for a model that does not fit
         wide = covariance.information(problem, x, residuals, derivatives, widening=widening)[0]
@@ -271,7 +271,7 @@ def _standard_errors(
         covar, noise = with_scatter(noise, problem, residuals, derivatives, scattered, covar, widening)
         possible = shares_of_possible_effects(noise, problem, x, derivatives, scattered)
         noise = with_shares(noise, settings, problem, x, covar, possible)
-        covar = np.sum([covar, *possible], axis=0)
+        covar = sum(possible, covar)
     freedom = min(known, float(nfree)) if widening > 1 and np.isfinite(known) else known
     errors = None
     if beside is not None:

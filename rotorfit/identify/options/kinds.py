@@ -247,6 +247,12 @@ def _common_word(word: str) -> str:
     return word
 
 
+def _yes_or_no(word: str) -> bool:
+    if word not in ("yes", "no"):
+        raise argparse.ArgumentTypeError(f"{word!r} is not allowed: give yes or no")
+    return word == "yes"
+
+
 def _shares_word(word: str) -> dict[str, float]:
     """``0.6*disk+0.4*journal`` as shares by plane."""
     shares: dict[str, float] = {}
@@ -295,6 +301,7 @@ def _digits(value: Any) -> str | None:
 
 KINDS: Mapping[str, Kind] = {
     "bool": Kind(toml=flag, word=None, written=lambda value: ""),
+    "bool | None": Kind(toml=flag, word=_yes_or_no, written=lambda value: "yes" if value else "no"),
     "PhaseOffsets": Kind(toml=phase_offsets, word=_common_word, written=str, bare=True),
     **dict.fromkeys(("str", "Loss", "Method"), Kind(toml=text, word=str, written=str)),
     "tuple[str, ...]": Kind(toml=_texts, word=words, written=",".join),
@@ -365,4 +372,6 @@ def is_set(value: Any, kind: Kind | None = None) -> bool:
     """True if a setting says anything: not empty, not false, not left out; with a kind, none of it may say so."""
     if value is None and kind is not None:
         return bool(kind.off)
-    return value is not None and value is not False and not (isinstance(value, Mapping | tuple | str) and not value)
+    if value is False:  # which is one of two answers, or none
+        return kind is not None and kind.word is not None and not kind.bare
+    return value is not None and not (isinstance(value, Mapping | tuple | str) and not value)

@@ -49,6 +49,9 @@ class StudyOptions(FitOptions):
     modes: int = option(0, "modes of the model modal", "N")
     gains: str = option("", "modal: a complex gain for each probe, or for each plane", "KIND")
     apart: bool = option(False, "modal: x and y have natural frequencies and damping ratios of their own")
+    residuals: bool | None = option(
+        None, "modal: terms of modes outside the band, yes or no [where they lower BIC]", "yes|no"
+    )
     runout_um: float | None = option(
         None,
         "plausible run-out; with it 1x and 2x of recordings give unbalance and side load (anisotropic-shaft)",

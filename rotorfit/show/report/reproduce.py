@@ -167,7 +167,9 @@ def _distribution(prior: Any) -> str:
 # ---- command line ------------------------------------------------------------------------------
 
 
-_MODEL_OPTIONS = {"planes", "blocks", "two_lam", "law", "clearance_um", "modes", "gains", "apart", "probes", "betas"}
+_MODEL_OPTIONS = {
+    "planes", "blocks", "two_lam", "law", "clearance_um", "modes", "gains", "apart", "residuals", "probes", "betas",
+}  # fmt: skip
 """Options of models that the command line has, ``betas`` by a value that is known or free."""
 
 
