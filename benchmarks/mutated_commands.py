@@ -28,7 +28,7 @@ from typing import Any
 import mutated_files
 import numpy as np
 from mutated_files import FORMATS, RIG, Format, Reader, mutated
-from reporting import RESULTS, environment, table
+from reporting import environment, table
 
 import rotorfit as rf
 from rotorfit.apps.cli.main import main as command
@@ -459,7 +459,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=42)
     parser.add_argument("--files", nargs="*", default=list(FILES))
     parser.add_argument("--keep", type=Path, help="folder for files whose end is none of the harmless ones")
-    parser.add_argument("--out", type=Path, default=RESULTS / "mutated_commands.md")
+    parser.add_argument("--out", type=Path, help="file for the table, else it is printed")
     given = parser.parse_args()
     if given.serve:
         serve(given.serve)
@@ -473,7 +473,9 @@ def main() -> None:
     words = f"benchmarks/mutated_commands.py --mutations {given.mutations} --seed {given.seed}"
     title = f"`{words}`: {environment('numpy', 'h5py')}."
     text = "\n".join(["# Damaged files, by command", "", title, "", *table(["file", "files", *OUTCOMES], rows), ""])
-    given.out.write_text(text, encoding="utf-8")
+    print(text)
+    if given.out is not None:
+        given.out.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -23,6 +23,9 @@ _DOFS_BY_COUNT = {1: ("z",), 2: ("z", "r"), 4: ROSS_4, 6: ROSS_6}
 _POSITIONS = ("nodes", "nodes_pos")
 """Names of the nodes' positions: ROSS's in a file, and that of its attribute."""
 
+LARGEST_ENTRY = 1e30
+"""Size of a number in SI units beyond which squares overflow. Chosen."""
+
 
 def read_structure(path: Path, dofs: Sequence[str] = ()) -> dict[str, Any]:
     """Matrices M, C, G, K, as far as they are given, from a MAT or npz file, or a folder of M.csv, K.csv and so on.
@@ -47,6 +50,10 @@ def read_structure(path: Path, dofs: Sequence[str] = ()) -> dict[str, Any]:
         values = content[name]
         if values.dtype.kind not in "iufc" or values.ndim != 2:
             raise ValueError(f"{source}: {name} is not a matrix of numbers but {values.dtype} of shape {values.shape}")
+        if (largest := float(np.abs(values).max(initial=0.0))) > LARGEST_ENTRY:
+            raise ValueError(
+                f"{source}: {name} has an entry of {largest:.3g}; numbers may be up to {LARGEST_ENTRY:g} in size"
+            )
         matrices[name] = values.astype(complex if values.dtype.kind == "c" else float)
     missing = [name for name in ("M", "K") if name not in matrices]
     if missing:
