@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rotorfit.base.atomic_file import note_input
 from rotorfit.base.file_reading import check_archive, check_unpacked, reading
+from rotorfit.estimators.misfit.parameter_space import LARGEST
 from rotorfit.lab.io.matlab import mat_content
 from rotorfit.models.shafts.shaft import DOFS, MATRICES, ROSS_4, ROSS_6
 
@@ -22,9 +23,6 @@ _DOFS_BY_COUNT = {1: ("z",), 2: ("z", "r"), 4: ROSS_4, 6: ROSS_6}
 """Coordinates of a node by how many it has."""
 _POSITIONS = ("nodes", "nodes_pos")
 """Names of the nodes' positions: ROSS's in a file, and that of its attribute."""
-
-LARGEST_ENTRY = 1e30
-"""Size of a number in SI units beyond which squares overflow. Chosen."""
 
 
 def read_structure(path: Path, dofs: Sequence[str] = ()) -> dict[str, Any]:
@@ -50,9 +48,9 @@ def read_structure(path: Path, dofs: Sequence[str] = ()) -> dict[str, Any]:
         values = content[name]
         if values.dtype.kind not in "iufc" or values.ndim != 2:
             raise ValueError(f"{source}: {name} is not a matrix of numbers but {values.dtype} of shape {values.shape}")
-        if (largest := float(np.abs(values).max(initial=0.0))) > LARGEST_ENTRY:
+        if (largest := float(np.abs(values).max(initial=0.0))) > LARGEST:
             raise ValueError(
-                f"{source}: {name} has an entry of {largest:.3g}; numbers may be up to {LARGEST_ENTRY:g} in size"
+                f"{source}: {name} has an entry of {largest:.3g}; numbers may be up to {LARGEST:g} in size"
             )
         matrices[name] = values.astype(complex if values.dtype.kind == "c" else float)
     missing = [name for name in ("M", "K") if name not in matrices]
