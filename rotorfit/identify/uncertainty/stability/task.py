@@ -229,9 +229,11 @@ class Task:
 
     def unbalance_questions(self, one: Rotors, max_amplitude_um: float | None) -> list[Question]:
         """Margins of the critical speeds that the rotor of the case has, and the largest amplitude."""
+        from scipy.signal import find_peaks
+
         speeds, running = self._speeds_of_curves(one), self.running
         curve = one.response(speeds, self.seen, self.unbalance)[0]
-        near = 1 + np.flatnonzero((curve[:-2] < curve[1:-1]) & (curve[1:-1] >= curve[2:]))
+        near = find_peaks(curve)[0]
         found = peaks_of(speeds, curve[None], near) if near.size else []
 
         @lru_cache(maxsize=8)
@@ -295,20 +297,21 @@ def peaks_of(speed: Float, amplitudes: Float, near: Index) -> list[Peaks]:
 
 
 def _peak(speed: Float, curve: Float, low: int, high: int) -> tuple[float, float]:
+    from scipy.signal import peak_widths
+
     at = low + int(np.argmax(curve[low:high]))
     if at in (0, speed.size - 1) or not curve[at - 1] < curve[at] >= curve[at + 1]:
         return np.nan, np.nan
     half_power = 1 / np.sqrt(2.0)  # share of a peak's amplitude between whose speeds the amplification factor is read
-    level = half_power * curve[at]
+    places = np.array([at])
+    whole = (curve[places], np.array([0]), np.array([speed.size - 1]))  # down to zero, not to the next valley
+    _, _, left, right = peak_widths(curve, places, rel_height=1 - half_power, prominence_data=whole)
+    ends = np.interp([left[0], right[0]], np.arange(speed.size), speed)
+    reached = curve[[int(np.floor(left[0])), int(np.ceil(right[0]))]] <= half_power * curve[at]
     x, y = speed[at - 1 : at + 2], curve[at - 1 : at + 2]  # the top is that of the parabola through three points
     rise, fall = np.diff(y) / np.diff(x)
     top = float((x[0] + x[1]) / 2 + rise / (rise - fall) * (x[2] - x[0]) / 2)
-    before, after = np.flatnonzero(curve[:at] <= level), at + np.flatnonzero(curve[at:] <= level)
-    if not (before.size and after.size):
-        return top, 0.0
-    left, right = before[-1], after[0]
-    ends = [np.interp(level, curve[pair], speed[pair]) for pair in ([left, left + 1], [right, right - 1])]
-    return top, float(top / (ends[1] - ends[0]))
+    return top, float(top / (ends[1] - ends[0])) if reached.all() else 0.0
 
 
 def margin(critical: Float, lowest: float, highest: float) -> Float:
