@@ -161,11 +161,6 @@ class Modal(RotorModel):
     def _free_probes(self) -> Sequence[tuple[str, str]]:
         return [(plane, axis) for axis in self._axes for plane in self.probe_planes][1:]
 
-    @property
-    def mode_count(self) -> int:
-        """Modes that responses in one plane of motion consist of."""
-        return self.modes
-
     @cached_property
     def speed_dependent(self) -> bool:
         """Modes do not change with speed."""
