@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -14,20 +15,26 @@ from rotorfit.estimators.signals.shaft_angle import SPLINE_DEGREE, SmoothAngle
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Turning:
-    """An angle at some samples in blocks of six turns, in which responses of a sweep do not cancel themselves."""
+    """An angle at some samples in blocks of six turns, in which responses of a sweep do not cancel themselves. Blocks
+    have Hann's window, which what turns a third slower or faster does not pass."""
 
-    back: ComplexArray  # what turns with the angle times this stands still, of each sample in a block
+    RESOLVED: ClassVar[float] = 1 / 3  # relative difference of speeds from which motion is told apart
+
+    back: ComplexArray  # what turns with the angle times this stands still, of each sample in a block, windowed
     samples: Bool  # those in whole blocks
     block: Index  # of each of these
-    size: Index  # samples of each block
+    size: Float  # sum of the window in each block
 
     @classmethod
-    def of(cls, angle: Float) -> Turning:
-        """By the angle of each sample, rad."""
-        block = np.floor((angle - angle[0]) / (2 * np.pi * 6)).astype(np.intp)
-        samples = block < block[-1]
-        block = block[samples]
-        return cls(back=np.exp(-1j * angle[samples]), samples=samples, block=block, size=np.bincount(block))
+    def of(cls, angle: Float, apart: Bool) -> Turning:
+        """By the angle of each sample, rad, in blocks all of whose samples are ``apart`` from other motion."""
+        turns = (angle - angle[0]) / (2 * np.pi * 6)
+        block = np.floor(turns).astype(np.intp)
+        samples = (np.bincount(block, ~apart)[block] == 0) & (block < block[-1])
+        block, window = block[samples], 1 - np.cos(2 * np.pi * turns[samples])
+        block = np.unique(block, return_inverse=True)[1].reshape(-1)
+        back = window * np.exp(-1j * angle[samples])
+        return cls(back=back, samples=samples, block=block, size=np.bincount(block, window))
 
     def power(self, z: ComplexArray) -> tuple[float, float]:
         """Square of what turns with the angle, and against it, the median over blocks: a passing sweep is large for a

@@ -100,6 +100,25 @@ def test_exchanged_probes_and_a_perturbator_that_turns_the_other_way_are_told_ap
     assert set(codes(tmp_path, {**both, **marks})) == {"rotation-sense"}
 
 
+@pytest.mark.parametrize("seconds", [4.0, 200.0])
+@pytest.mark.parametrize("whirl", [1, -1])
+def test_a_rotor_without_unbalance_that_is_swept_backward_has_its_probes_right(
+    tmp_path: Path, whirl: int, seconds: float
+) -> None:
+    """A backward force passes once per turn, and nothing else turns with the shaft."""
+    t = np.arange(round(seconds * RATE)) / RATE
+    angle = 2 * np.pi * (5.0 * t + 20.0 / seconds * t**2)  # 5 to 45 turns a second, the shaft has 20
+    size = 50e-6 / np.abs(1 - (angle.max() / angle[-1] * (5.0 + 40.0 / seconds * t) / 21.0) ** 2 + 0.1j)
+    z = size * np.exp(1j * whirl * angle)
+    channels = {"keyphasor_shaft": notch(shaft_angle(t)), "keyphasor_perturbator": notch(angle)}
+    noise = np.random.default_rng(3).normal(size=(2, t.size))
+    for axis, part, e in zip("XY", (z.real, z.imag), noise, strict=True):
+        channels[f"disk_{axis}"] = -10.0 + 7870.0 * part + 3e-3 * e
+    assert not {"probes-exchanged", "rotation-sense"} & set(
+        codes(tmp_path, channels, whirl="forward" if whirl > 0 else "backward")
+    )
+
+
 def test_mains_hum_is_said_with_its_frequency(tmp_path: Path) -> None:
     channels = volts(16.0)
     t = np.arange(channels["disk_X"].size) / RATE

@@ -165,7 +165,8 @@ def direction_findings(record: Signals, shaft: AngleTrack | None, perturbator: A
     whirl = 0 if record.force is None or record.force.measured else record.force.whirl
     backward, opposite, judged = [], [], []
     pieces = _pieces(record)
-    turning = [_turning(record, angle, pieces) for angle in (shaft, perturbator if whirl else None)]
+    beside = perturbator if record.force is not None else None
+    turning = [_turning(record, shaft, pieces, beside), _turning(record, perturbator if whirl else None, pieces)]
     for plane in record.pairs if any(turning) else ():
         motion = [record.motion(plane, *piece) for piece in pieces]
         reversed_shaft = _reversed(motion, turning[0], 1)
@@ -205,9 +206,10 @@ def _pieces(record: Signals) -> list[tuple[int, int]]:
 
 
 def _turning(
-    record: Signals, angle: AngleTrack | None, pieces: Sequence[tuple[int, int]]
+    record: Signals, angle: AngleTrack | None, pieces: Sequence[tuple[int, int]], other: AngleTrack | None = None
 ) -> list[tuple[int, Bool, Turning]]:
-    """Number of each piece in which a mark was seen, the samples there, and how the mark turns."""
+    """Number of each piece in which a mark was seen, the samples there, and how the mark turns. Where another mark
+    turns nearly as fast, what is seen may be due to that one: there nothing is concluded."""
     if angle is None:
         return []
     found = []
@@ -215,7 +217,11 @@ def _turning(
         t = np.arange(start, stop) / record.sample_rate
         inside = (t >= angle.begin) & (t <= angle.end)
         if inside.sum() >= 64:
-            found.append((number, inside, Turning.of(angle.angle(t[inside]))))
+            own, apart = t[inside], np.ones(np.count_nonzero(inside), dtype=bool)
+            if other is not None:
+                speed, beside = angle.speed(own), other.speed(np.clip(own, other.begin, other.end))
+                apart = np.abs(np.abs(beside) - speed) > Turning.RESOLVED * speed
+            found.append((number, inside, Turning.of(angle.angle(own), apart)))
     return found
 
 
