@@ -34,7 +34,7 @@ class Turning:
         block, window = block[samples], 1 - np.cos(2 * np.pi * turns[samples])
         block = np.unique(block, return_inverse=True)[1].reshape(-1)
         back = window * np.exp(-1j * angle[samples])
-        return cls(back=back, samples=samples, block=block, size=np.bincount(block, window))
+        return cls(back=back, samples=samples, block=block, size=np.bincount(block, window).astype(float))
 
     def power(self, z: ComplexArray) -> tuple[float, float]:
         """Square of what turns with the angle, and against it, the median over blocks: a passing sweep is large for a

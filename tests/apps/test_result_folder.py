@@ -359,3 +359,24 @@ def test_drafts_that_a_kill_left_are_swept_a_day_later(tmp_path: Path) -> None:
         (folder / "b").write_text("y")
     assert not any(path.exists() for path in gone)
     assert all(path.exists() for path in kept)
+
+
+@pytest.mark.parametrize("after", [0, 2])
+def test_a_disk_that_is_full_when_figures_are_drawn_leaves_tables_and_fit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], after: int
+) -> None:
+    write, drawn = Path.write_bytes, []
+
+    def full(path: Path, content: bytes) -> int:
+        drawn.append(path)
+        if len(drawn) > after:
+            raise OSError(28, "No space left on device")
+        return write(path, content)
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    file, out = rf.datasets.path("rig_lumped.csv"), tmp_path / "out"
+    assert main(["fit", str(file), "--model", "whirl-whip", "--known", "K3=6000", "--quiet", "--out", str(out)]) == 0
+    assert "figures and report were not written, tables and fit.json were: No space left" in capsys.readouterr().err
+    names = {path.name for path in out.iterdir()}
+    assert {"summary.txt", "parameters.csv", "fit.json"} <= names
+    assert not {name for name in names if name.endswith((".png", ".html"))}

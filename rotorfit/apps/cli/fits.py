@@ -86,6 +86,7 @@ def _identify(study: Study, options: argparse.Namespace, rig: str = "") -> ExitC
             raise BadInputError("--interactive is for the report; say by --out where to write it")
         checked(check_interactive)
     keep = kept_checkpoint(study.out) if study.out and study.sample else nullcontext()
+    unwritten: tuple[str, ...] = ()
     try:
         with progress_line(options) as progress, ExitStack() as stack:
             executor = None if rig else checked(lambda: stack.enter_context(workers_of(options)))
@@ -93,7 +94,7 @@ def _identify(study: Study, options: argparse.Namespace, rig: str = "") -> ExitC
             folder = stack.enter_context(complete_folder(study.out)) if study.out else None
             outcome = checked(lambda: run_study(study, progress, checkpoint, executor), getattr(options, "study", None))
             if folder is not None:
-                write_outcome(outcome, folder, progress, rig, options.figure_format, options.interactive)
+                unwritten = write_outcome(outcome, folder, progress, rig, options.figure_format, options.interactive)
                 for path in [path for file in study.files for path in file.paths] if rig else ():
                     copyfile(path, folder / path.name)  # so that what the report says to reproduce it runs there
     except OSError as problem:  # the folder for the results
@@ -104,7 +105,7 @@ def _identify(study: Study, options: argparse.Namespace, rig: str = "") -> ExitC
         text=summary(outcome, rig),
         plain=lambda: outcome_values(outcome),
         warned=outcome.warnings,
-        said=failure,
+        said=[*failure, *unwritten],
         good=not failure,
     )
     return give(found, options)

@@ -32,10 +32,9 @@ def write_outcome(
     rig: str = "",
     figure_format: FigureFormat = "png",
     interactive: bool = False,
-) -> None:
-    """Write report, tables, figures and files that read back, of a study, into a folder."""
-    from rotorfit.show.report.write import write_report
-
+) -> tuple[str, ...]:
+    """Write tables and files that read back, of a study, into a folder, then its figures and report. Where there is no
+    room for these, the sentence that is returned says so and the others stay."""
     best = outcome.best
     progress("writing tables")
     (folder / "summary.txt").write_text(summary(outcome, rig) + "\n", encoding="utf-8")
@@ -50,19 +49,40 @@ def write_outcome(
     _write_csv(folder / "curves.csv", _curve_rows(best))
     if of_a_rig(best):
         best.coefficient_table().to_csv(folder / "coefficients.csv")
-        of_frequency = best.model.frame != "z" and measured_by_frequency(best)
-        if of_frequency:
+        if _of_frequency(best):
             best.frequency_coefficients().to_csv(folder / "frequency_coefficients.csv")
-        if figure_format != "none":
-            best.plot.coefficients().savefig(folder / f"coefficients.{figure_format}")
-            if of_frequency:
-                best.plot.frequency_coefficients().savefig(folder / f"frequency_coefficients.{figure_format}")
     modes = own_modes(best)
     if modes is not None:
         _write_csv(folder / "modes.csv", modes.numbers())
     best.save(folder / "fit.json")
     write_uncertainty(outcome, folder)
+    written = set(folder.iterdir())
+    try:
+        _draw(outcome, folder, progress, figure_format, interactive)
+    except OSError as problem:
+        for file in set(folder.iterdir()) - written:
+            file.unlink()
+        return (f"figures and report were not written, tables and fit.json were: {problem.strerror or problem}",)
+    return ()
+
+
+def _of_frequency(fit: FitResult) -> bool:
+    """True if coefficients are told apart by frequency too."""
+    return fit.model.frame != "z" and measured_by_frequency(fit)
+
+
+def _draw(
+    outcome: Outcome, folder: Path, progress: StudyProgress, figure_format: FigureFormat, interactive: bool
+) -> None:
+    """Write figures and report."""
+    from rotorfit.show.report.write import write_report
+
+    best = outcome.best
     progress("drawing the report")
+    if of_a_rig(best) and figure_format != "none":
+        best.plot.coefficients().savefig(folder / f"coefficients.{figure_format}")
+        if _of_frequency(best):
+            best.plot.frequency_coefficients().savefig(folder / f"frequency_coefficients.{figure_format}")
     write_report(
         best,
         folder / "report.html",
