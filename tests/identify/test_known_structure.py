@@ -350,8 +350,11 @@ def test_unsuitable_real_matrices(change):
 
 
 def test_matrices_of_a_file_are_refused_with_its_name(tmp_path):
-    for name, nodes, said in (("a.npz", [0.0, 1.0], "a.npz: M must be"), ("b.npz", ["x", "y"], "b.npz: the positions")):
-        np.savez(tmp_path / name, M=np.full((8, 8), np.inf), K=np.eye(8), nodes=nodes)
+    for name, entry, nodes, said in (
+        ("a.npz", np.inf, [0.0, 1.0], "a.npz: M has an entry of inf"),
+        ("b.npz", 1.0, ["x", "y"], "b.npz: the positions"),
+    ):
+        np.savez(tmp_path / name, M=np.full((8, 8), entry), K=np.eye(8), nodes=nodes)
         with pytest.raises(ValueError, match=said):
             KnownStructure.from_ross(tmp_path / name, planes={"journal": 1}, fluid="journal")
 

@@ -9,17 +9,17 @@ import pytest
 
 from rotorfit.base.digits import significant
 
-ASKED = "rotorfit.identify.fitting.fit"  # imports Modal, CorrelatedResponses and Experiment, and makes none of them
+ASKED = "rotorfit.identify.observing.circular"  # imports Modal, Responses and Experiment
 
 
 @pytest.mark.parametrize(
     ("code", "n"),
     [
         ("isinstance(model, Modal)", 1),
-        ("isinstance(one, int | CorrelatedResponses) and issubclass(kind, (Modal, float))", 2),
+        ("isinstance(one, int | Responses) and issubclass(kind, (Modal, float))", 2),
         ("isinstance(test, Experiment)", 1),  # one name for several kinds
         ("match model:\n  case Modal(modes=2) | None:\n    a\n  case _:\n    b", 1),
-        ("table = {Modal: 1, CorrelatedResponses: 2}\ntable[type(block)]", 2),
+        ("table = {Modal: 1, Responses: 2}\ntable[type(block)]", 2),
         ("@title.register\ndef _(one: Modal): ...", 1),
         ("f'not a {type(model).__name__}'\ntype(model)()\nModal(modes=1)\nisinstance(1, int)\n{'Modal': 1}", 0),
     ],

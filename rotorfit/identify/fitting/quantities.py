@@ -78,7 +78,9 @@ class ErrorBar:
     @property
     def largest_on_trust(self) -> str:
         """Name of the cause that most rests on."""
-        return max(self.on_trust, key=lambda name: abs(self.on_trust[name]), default="")
+        most = max(map(abs, self.on_trust.values()), default=0.0)
+        alike = 0.999  # of the largest: of causes that go alike, round-off would choose
+        return next((name for name, share in self.on_trust.items() if abs(share) >= alike * most), "")
 
 
 class Source(Protocol):

@@ -52,7 +52,9 @@ def onset_with_causes(model: RotorModel, theta: Float, onset: Threshold, solved:
     acting = [(cause.act, size) for cause, size, _ in solved if size]
     every = [(act.term(model, theta, onset.whirl_frequency), size) for act, size in acting]
     terms = [(term, size) for term, size in every if term is not None]
-    beyond = [(term, size) for term, size in terms if max(power for _, power, _ in term.terms) > model.order]
+    beyond = [
+        (term, size) for term, size in terms if max((power for _, power, _ in term.terms), default=0) > model.order
+    ]
     terms = [one for one in terms if one not in beyond]
     more = sum(size * onset_shift(model, theta, onset, term) for term, size in beyond)
     (highest, round_off), at = search_limits(model, theta, band), seats(model)

@@ -175,7 +175,7 @@ def _with_probe_factors(plain: FitResult, steps: list[FitResult]) -> Iterator[Fi
     while not _explained(best) and len(freed_factors(best)) + 1 < len(read):
         left = [name for plane, name in probe_factors(plain.model).items() if plane in read]
         tried = [_free(best, name) for name in left if name not in freed_factors(best).values()]
-        steps += tried
+        steps += [step for step in tried if not step.identifiability.unresolved]
         best = min((step for step in tried if step.success), key=lambda step: step.aic, default=plain)
         if best is plain:
             return
