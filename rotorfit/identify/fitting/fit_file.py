@@ -204,6 +204,6 @@ def _check(fit: FitResult, problem: Problem, what: str) -> None:
     agreement = 1e-6  # of chi-squared: other processors and libraries round differently, other noise does not agree
     if not np.isclose(chisqr, fit.chisqr, rtol=agreement, atol=1e-12 * problem.n_data):
         raise ValueError(
-            f"{what} has chi-squared {fit.chisqr:.9g}, but its model, data and settings give {chisqr:.9g}: the problem "
+            f"{what} has chi-squared {fit.chisqr:.7g}, but its model, data and settings give {chisqr:.7g}: the problem "
             "was changed after the fit, or this version estimates the noise differently; fit the data again"
         )
