@@ -16,6 +16,7 @@ from rotorfit.base.array_types import Float
 from rotorfit.base.significance import CHANCE_ERRORS
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.blocks.observations import Block
+from rotorfit.identify.fitting.propagation import stderr_of
 from rotorfit.identify.fitting.quantities import FittedParameter
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.structure.coefficients import measured_by_frequency, of_a_rig
@@ -182,7 +183,9 @@ def _curve_rows(fit: FitResult) -> Iterator[Sequence[Any]]:
                 [space.pull_back(one, group) for one, group in zip(slope, block.reading_group, strict=True)]
             )
         moved = rotor_changes(fit, block)  # as bands of predictions are
-        half = [CHANCE_ERRORS * fit.stderr_of(*parts) for parts in ((slope.real, moved.real), (slope.imag, moved.imag))]
+        half = [
+            CHANCE_ERRORS * stderr_of(fit, *parts) for parts in ((slope.real, moved.real), (slope.imag, moved.imag))
+        ]
         speed, frequency = _conditions(block)
         low, high = predicted - half[0] - 1j * half[1], predicted + half[0] + 1j * half[1]
         values = [part for z in (block.measured, predicted, low, high) for part in (z.real, z.imag)]

@@ -12,9 +12,11 @@ from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.fitting.causes.slopes import onset_slopes, onset_term_slopes, onset_with_causes
 from rotorfit.identify.fitting.judge import why_not_refined
+from rotorfit.identify.fitting.propagation import propagated, with_error
 from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.models import eigenvalues
+from rotorfit.models.motion.off_centre import off_centre_threshold
 from rotorfit.models.motion.stability import eigenvalue_gradient
 
 
@@ -29,13 +31,13 @@ def onset_of(fit: FitResult, group: int) -> Quantity:
         return Quantity(candidate.speed, math.hypot(candidate.stderr, candidate.difference), "rad/s", fit.freedom)
     if onset is None:
         return Quantity(math.nan, _growth_error(fit, group), "rad/s")
-    found = fit.propagate_in(group, onset.speed, onset.gradient, "rad/s", speed=onset.speed)
+    found = propagated(fit, group, onset.speed, onset.gradient, "rad/s", speed=onset.speed)
     solved = fit.settings.solved
     if solved is not None and onset.speed:  # not unstable from standstill on
         theta = fit.thetas[group]
         speed = onset_with_causes(fit.model, theta, onset, solved, fit.stability_band)
         terms = onset_term_slopes(fit.model, theta, onset, solved)
-        found = fit.propagate_in(group, speed, onset.gradient, "rad/s", speed=onset.speed, by_causes=terms)
+        found = propagated(fit, group, speed, onset.gradient, "rad/s", speed=onset.speed, by_causes=terms)
     if candidate is None or not is_extrapolated(fit, onset.speed, onset.whirl_frequency):
         return found
     there = 0.0  # share of the variance by the choice among candidates that the covariance holds already
@@ -44,6 +46,22 @@ def onset_of(fit: FitResult, group: int) -> Quantity:
         there = float(slope @ fit.model_uncertainty @ slope)
     more = math.sqrt(max(0.0, candidate.difference**2 - there))
     return Quantity(found.value, math.hypot(found.stderr, more), "rad/s", found.freedom)
+
+
+def off_centre_onset(fit: FitResult, group: int, eccentricity: float) -> Quantity:
+    """Threshold speed of one parameter group with its journal held at a static eccentricity, rad/s."""
+    theta, solved = fit.thetas[group], fit.settings.solved
+    onset = off_centre_threshold(fit.model, theta, eccentricity, band=fit.stability_band)
+    if onset is None:
+        return Quantity(math.nan, math.nan, "rad/s")
+    centred = fit.onset(group) if solved is not None else None
+    if centred is None or solved is None:
+        return propagated(fit, group, onset.speed, onset.gradient, "rad/s")
+    # Causes change it by the same share as that of the centred journal.
+    share = onset.speed / centred.speed
+    slope = fit.problem.space.pull_back(onset.gradient, group)
+    by_causes = share * onset_slopes(fit.model, theta, centred, solved)
+    return with_error(fit, share * fit.threshold_of(group).value, slope, by_causes, "rad/s")
 
 
 def onset_by_causes(fit: FitResult, group: int) -> tuple[float, Float]:
@@ -111,5 +129,5 @@ def _growth_error(fit: FitResult, group: int) -> float:
         return math.nan
     least = complex(s[np.argmax(s.real)])
     _, by_theta = eigenvalue_gradient(model, theta, speed, least)
-    error = fit.propagate_in(group, abs(least), by_theta.real, "1/s").stderr
+    error = propagated(fit, group, abs(least), by_theta.real, "1/s").stderr
     return math.nan if math.isfinite(error) else math.inf

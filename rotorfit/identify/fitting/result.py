@@ -18,15 +18,14 @@ from rotorfit.base.digits import significant
 from rotorfit.base.executors import executor_of
 from rotorfit.base.names import unknown_name
 from rotorfit.estimators.blocks.correlated import freedom_of
-from rotorfit.estimators.inference.covariance import standard_error, widening
+from rotorfit.estimators.inference.covariance import widening
 from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.sweep_noise import READINGS_OF_NOISE
-from rotorfit.identify.fitting.causes.slopes import onset_slopes, value_slopes
 from rotorfit.identify.fitting.causes.table import Causes, table_of
 from rotorfit.identify.fitting.noise.residual_study import ResidualStudy, is_misfit, largest_redchi
+from rotorfit.identify.fitting.propagation import error_bar, made_of, propagated, theta_at
 from rotorfit.identify.fitting.quantities import (
-    CAUSE,
     THRESHOLD,
     ErrorBar,
     FittedParameter,
@@ -283,91 +282,7 @@ class FitResult:
 
         ``value`` in ``unit``, ``gradient`` by the model parameters, shape ``(P,)``, of the group that ``at`` names.
         """
-        return self.propagate_in(self.group(at), value, gradient, unit)
-
-    def propagate_in(
-        self,
-        group: int,
-        value: float,
-        gradient: Float,
-        unit: str,
-        *,
-        speed: float | None = None,
-        by_causes: Float | None = None,
-    ) -> Quantity:
-        """As :meth:`propagate` with ``value``, ``gradient`` and ``unit``, for the ``group`` of that number, from 0.
-
-        ``speed`` is the rotative speed, rad/s, that it belongs to, with whose values it is made. ``by_causes`` are
-        derivatives by the sizes of causes that do not change values, the parameters held.
-        """
-        beside = self.by_values_of_causes(np.asarray(gradient), group, speed)
-        beside = beside if by_causes is None else beside + by_causes
-        slope = self.problem.space.pull_back(np.asarray(gradient), group)
-        slopes = dict(zip(self.var_names, slope.tolist(), strict=True)) | self._named_causes(beside)
-        return self._with_error(value, slope, unit, slopes)
-
-    def by_values_of_causes(self, gradient: Float, group: int, speed: float | None = None) -> Float:
-        """Derivatives of a result by the sizes of causes that change values of the model, shape ``(..., k)``.
-
-        ``gradient`` has those by the model parameters of a ``group``, shape ``(..., P)``; ``speed`` as for
-        :meth:`propagate_in`.
-        """
-        solved = self.settings.solved
-        return value_slopes(self.model, self.thetas[group], gradient, speed, solved) if solved else np.zeros(0)
-
-    def theta_at(self, group: int, speed: float) -> Float:
-        """Parameter vector, shape ``(P,)``, of a ``group`` by number, with what causes change of it at a ``speed``.
-
-        ``speed`` is rotative, rad/s; causes have the sizes that were found.
-        """
-        theta, solved = self.thetas[group], self.settings.solved
-        if solved is None:
-            return np.asarray(theta)
-        return np.asarray(
-            theta + solved.errors.value @ value_slopes(self.model, theta, np.eye(theta.size), speed, solved).T
-        )
-
-    def _named_causes(self, by_causes: Float) -> dict[str, float]:
-        """Derivatives by the sizes of causes with the names that :meth:`error_of` knows."""
-        solved = self.settings.solved
-        names = [f"{CAUSE}{cause.name}" for cause in solved.causes] if solved else []
-        return {name: slope for name, slope in zip(names, by_causes.tolist(), strict=True) if slope}
-
-    def _with_error(self, value: float, slope: Float, unit: str, slopes: Mapping[str, float]) -> Quantity:
-        """A quantity with its derivatives by the fitted vector, and those by name of all that it is made of."""
-        made = Quantity(value, math.inf, unit, source=self, slopes=dict(slopes))
-        if self.identifiability.leaves_open(np.abs(value), slope[None]).any():
-            return made
-        if not self.success:
-            return replace(made, stderr=math.nan)
-        freedom = self.freedom if self.noise is None else self.noise.degrees(slope)
-        bar = self.error_of(slopes)
-        stderr = float(standard_error(slope, self.covar)) if bar is None else bar.stderr
-        return replace(made, stderr=stderr, freedom=freedom)
-
-    def covariance_of(self, slopes: Float, by_causes: Float) -> Float:
-        """Covariance of results, from their derivatives ``slopes`` by the fitted vector, shape ``(n, p)``, and
-        ``by_causes`` by the sizes of causes, ``(n, k)``."""
-        solved = self.settings.solved
-        if solved is None:
-            return np.asarray(slopes @ self.covar @ slopes.T)
-        errors = solved.errors
-        along = errors.along(slopes, by_causes)
-        by_noise = slopes @ (self.covar - errors.covariance) @ slopes.T
-        return np.asarray(by_noise + errors.widened * (along @ errors.covar @ along.T))
-
-    def stderr_of(self, slopes: Float, by_causes: Float | None = None) -> Float:
-        """Standard errors of many results, from their derivatives as for :meth:`covariance_of`, shape ``(n,)``.
-
-        ``slopes`` and ``by_causes`` as there; without the latter no cause acts on the results but by fitted values.
-        """
-        solved = self.settings.solved
-        if solved is None or by_causes is None:
-            return standard_error(slopes, self.covar)
-        errors = solved.errors
-        by_noise = standard_error(slopes, self.covar - errors.covariance)
-        by_all = standard_error(errors.along(slopes, by_causes), errors.covar * errors.widened)
-        return np.hypot(by_noise, by_all)
+        return propagated(self, self.group(at), value, gradient, unit)
 
     def error_of(self, slopes: Mapping[str, float]) -> ErrorBar | None:
         """The error of a result by its derivatives, share by share: all that is printed with an error comes from here.
@@ -378,43 +293,14 @@ class FitResult:
         Returns:
             ``None`` where no causes were solved.
         """
-        solved = self.settings.solved
-        if solved is None:
-            return None
-        slope = np.array([slopes.get(name, 0.0) for name in self.var_names])
-        by_causes = np.array([slopes.get(f"{CAUSE}{cause.name}", 0.0) for cause in solved.causes])
-        held = np.array(
-            [0.0 if name in self.var_names else slopes.get(name, 0.0) for name in self.model.parameter_names]
-        )
-        if held.any():
-            by_causes = by_causes + self.by_values_of_causes(held, 0)
-        if THRESHOLD in slopes and (onset := self.onset(0)) is not None:
-            times = slopes[THRESHOLD]
-            slope = slope + times * self.problem.space.pull_back(onset.gradient, 0)
-            by_causes = by_causes + times * onset_slopes(self.model, self.theta(), onset, solved)
-        errors = solved.errors
-        along = errors.along(slope, by_causes)
-        noise = math.sqrt(max(float(slope @ (self.covar - errors.covariance) @ slope), 0.0))
-        names = [cause.name for cause in solved.causes]
-        freedom = self.freedom if self.noise is None else self.noise.degrees(slope)
-        return ErrorBar.of(errors, names, noise, along, freedom)
+        return error_bar(self, slopes)
 
     def quantity(self, value: float, slopes: Mapping[str, float], unit: str) -> Quantity:
         """A quantity made of parameters and the threshold speed, with its error.
 
         ``value`` in ``unit``, ``slopes`` by names in :attr:`params` or that of the threshold speed.
         """
-        slope = np.array([slopes.get(name, 0.0) for name in self.var_names])
-        by_onset = slopes.get(THRESHOLD, 0.0)
-        onset = self.onset(0) if by_onset else None
-        beside = 0.0
-        if onset is not None:
-            along = self.problem.space.pull_back(onset.gradient, 0)
-            slope = slope + by_onset * along
-            own = self.threshold_of(0).stderr  # with the difference between candidates, which parameters do not know
-            beside = abs(by_onset) * math.sqrt(max(own**2 - float(standard_error(along, self.covar)) ** 2, 0.0))
-        found = self._with_error(value, slope, unit, slopes)
-        return replace(found, stderr=math.hypot(found.stderr, beside))
+        return made_of(self, value, slopes, unit)
 
     def threshold_speed(self, at: Mapping[str, Any] | None = None, *, eccentricity: float | None = None) -> Quantity:
         """Rotative speed at which the rotor becomes unstable, rad/s, with its standard error.
@@ -443,20 +329,9 @@ class FitResult:
             if not math.isfinite(found.stderr) or len(self.thetas) > 1:
                 return found
             return replace(found, source=self, slopes={THRESHOLD: 1.0})
-        from rotorfit.models.motion.off_centre import off_centre_threshold
+        from rotorfit.identify.fitting.onset import off_centre_onset
 
-        onset = off_centre_threshold(self.model, self.theta(at), away, band=self.stability_band)
-        if onset is None:
-            return Quantity(math.nan, math.nan, "rad/s")
-        group, solved = self.group(at), self.settings.solved
-        centred = self.onset(group) if solved is not None else None
-        if centred is None or solved is None:
-            return self.propagate(onset.speed, onset.gradient, "rad/s", at)
-        # Causes change it by the same share as that of the centred journal.
-        share, beside = onset.speed / centred.speed, onset_slopes(self.model, self.thetas[group], centred, solved)
-        slope = self.problem.space.pull_back(onset.gradient, group)
-        slopes = dict(zip(self.var_names, slope.tolist(), strict=True)) | self._named_causes(share * beside)
-        return self._with_error(share * self.threshold_of(group).value, slope, "rad/s", slopes)
+        return off_centre_onset(self, self.group(at), away)
 
     def threshold_of(self, group: int) -> Quantity:
         """Threshold speed of the parameter ``group`` of that number, from 0; see :meth:`threshold_speed`."""
@@ -820,7 +695,7 @@ class FitResult:
             rows = np.append(rows, onset)
         return ross_elements(
             self.model,
-            lambda speed: self.theta_at(group, speed),
+            lambda speed: theta_at(self, group, speed),
             rows,
             version=version,
             nodes=nodes,

@@ -15,6 +15,7 @@ from rotorfit.base.significance import quantile
 from rotorfit.base.text_table import Printed, text_table
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.fitting.causes.slopes import onset_slopes
+from rotorfit.identify.fitting.propagation import covariance_of
 from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult
 
@@ -132,7 +133,7 @@ def budget_of(fit: FitResult) -> Budget:
                 else np.zeros(by_causes.shape[1])
             )
             slopes, by_causes = np.vstack([slopes, own]), np.vstack([by_causes, beside])
-    covariance = fit.covariance_of(slopes, by_causes)
+    covariance = covariance_of(fit, slopes, by_causes)
     error = np.sqrt(np.diag(covariance))
     scale = np.outer(error, error)
     correlation = np.divide(covariance, scale, out=np.eye(len(rows)), where=scale > 0)

@@ -13,6 +13,7 @@ from rotorfit.base.digits import interval as interval_words
 from rotorfit.base.digits import with_error
 from rotorfit.base.matching import cheapest_rows
 from rotorfit.identify.fitting.causes.slopes import eigenvalue_slopes
+from rotorfit.identify.fitting.propagation import theta_at
 from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.models import eigenvalues
@@ -163,8 +164,8 @@ def _unstable_half(axis: Any, values: Float, *, above: bool) -> None:
 def _modes(fit: FitResult, group: int, speeds: Float, at: int) -> ComplexArray:
     """Eigenvalues of the rotor with the causes that were found, up to the band, at each speed; each column those of one
     mode, with the sign of its whirl at one of the speeds: in x and y one of each conjugate pair."""
-    theta = fit.theta_at(group, float(speeds[at]))
-    s = eigenvalues(fit.model, np.array([fit.theta_at(group, speed) for speed in speeds.tolist()]), speeds)
+    theta = theta_at(fit, group, float(speeds[at]))
+    s = eigenvalues(fit.model, np.array([theta_at(fit, group, speed) for speed in speeds.tolist()]), speeds)
     for k in range(1, len(s)):
         guess = s[k - 1] if k == 1 else 2 * s[k - 1] - s[k - 2]
         s[k] = s[k][cheapest_rows(np.nan_to_num(np.abs(s[k][:, None] - guess), nan=1e12))]
@@ -190,7 +191,7 @@ def _shifts(fit: FitResult, group: int, speeds: Float, s: ComplexArray, at: int)
         some = places[np.isfinite(s[places, mode])]
         if some.size:
             moved = [
-                eigenvalue_slopes(fit.model, fit.theta_at(group, v), v, value, solved) @ solved.errors.value
+                eigenvalue_slopes(fit.model, theta_at(fit, group, v), v, value, solved) @ solved.errors.value
                 for v, value in zip(speeds[some].tolist(), s[some, mode].tolist(), strict=True)
             ]
             found[:, mode] = np.interp(speeds, speeds[some], moved)

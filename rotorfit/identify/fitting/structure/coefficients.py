@@ -25,6 +25,7 @@ from rotorfit.base.text_table import Printed, text_table
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.starting.force_balance import stiffness_matrices
+from rotorfit.identify.fitting.propagation import by_values_of_causes, covariance_of, propagated, theta_at
 from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.io.tables.result_tables import frame_csv
@@ -201,16 +202,16 @@ def coefficients_of(
         raise ValueError(f"{fit.model.name} has forces at {', '.join(planes)}: say at which, plane={planes[0]!r}")
     where = plane or planes[0]
     group = fit.group(_at_speed(fit, speed) if at is None else at)
-    force = plane_force(fit.model, fit.theta_at(group, speed), speed, where, eccentricity)
+    force = plane_force(fit.model, theta_at(fit, group, speed), speed, where, eccentricity)
     values, slopes = force.values.reshape(-1), force.slopes.reshape(len(COEFFICIENTS), -1)
 
-    def propagated(value: float, by_values: Float, unit: str) -> Quantity:
-        return fit.propagate_in(group, value, by_values @ slopes, unit, speed=speed)
+    def made(value: float, by_values: Float, unit: str) -> Quantity:
+        return propagated(fit, group, value, by_values @ slopes, unit, speed=speed)
 
     columns = zip(COEFFICIENTS, values.tolist(), np.eye(values.size), strict=True)
-    by_name = {name: propagated(value, unit, UNITS[name[0]]) for name, value, unit in columns}
+    by_name = {name: made(value, unit, UNITS[name[0]]) for name, value, unit in columns}
     pulled = np.array([fit.problem.space.pull_back(row, group) for row in slopes])
-    covariance = fit.covariance_of(pulled, fit.by_values_of_causes(slopes, group, speed))
+    covariance = covariance_of(fit, pulled, by_values_of_causes(fit, slopes, group, speed))
     for place, name in enumerate(COEFFICIENTS):
         if not math.isfinite(by_name[name].stderr):
             covariance[place, place] = by_name[name].stderr
@@ -222,7 +223,7 @@ def coefficients_of(
         values=values,
         covariance=covariance,
         by_name=by_name,
-        propagated=propagated,
+        propagated=made,
     )
 
 

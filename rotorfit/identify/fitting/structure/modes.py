@@ -15,6 +15,7 @@ from rotorfit.base.names import unknown_name
 from rotorfit.base.text_table import Printed, text_table
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.fitting.causes.slopes import eigenvalue_slopes
+from rotorfit.identify.fitting.propagation import propagated, theta_at
 from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.structure.coefficients import central_differences
@@ -145,7 +146,7 @@ def natural_frequencies(fit: FitResult, speed: float, at: Mapping[str, Any] | No
     """Damped natural frequency (rad/s, signed) and damping ratio of each mode; see the result's method."""
     speed = angular_rate(speed)
     model, group = fit.model, fit.group(at)
-    theta = fit.theta_at(group, speed)
+    theta = theta_at(fit, group, speed)
     modes = []
     back = 1j * speed if model.turns else 0.0  # from turning coordinates
     for found in eigenvalues(model, theta, speed).tolist():
@@ -156,11 +157,11 @@ def natural_frequencies(fit: FitResult, speed: float, at: Mapping[str, Any] | No
         by_causes = eigenvalue_slopes(model, theta, speed, found, solved) if solved else np.zeros(0, dtype=complex)
         s = found + back + (by_causes @ solved.errors.value if solved else 0.0)
         turn = -1.0 if model.frame == "xy" and not whirls_forward(model, theta, speed, np.array([found]))[0] else 1.0
-        frequency = fit.propagate_in(
-            group, turn * s.imag, turn * by_theta.imag, "rad/s", speed=speed, by_causes=turn * by_causes.imag
+        frequency = propagated(
+            fit, group, turn * s.imag, turn * by_theta.imag, "rad/s", speed=speed, by_causes=turn * by_causes.imag
         )
         slope, beside = _damping_slope(s, by_theta), _damping_slope(s, by_causes)
-        ratio = fit.propagate_in(group, -s.real / abs(s), slope, "1", speed=speed, by_causes=beside)
+        ratio = propagated(fit, group, -s.real / abs(s), slope, "1", speed=speed, by_causes=beside)
         modes.append((frequency, ratio))
     return modes
 
@@ -177,7 +178,7 @@ def modes_of(fit: FitResult, speed: float, normalise: str | None, at: Mapping[st
         raise ValueError(
             f"the modes of {model.name} are its parameters, see fit.params; fit.plot.mode_shapes() draws them"
         )
-    theta = fit.theta_at(group, speed)
+    theta = theta_at(fit, group, speed)
     names = [c.plane if c.axis == "z" else f"{c.plane}.{c.axis}" for c in model.coordinates]
     if normalise is not None and normalise not in names:
         raise KeyError(unknown_name("plane of the rotor", normalise, names))
@@ -194,7 +195,7 @@ def modes_of(fit: FitResult, speed: float, normalise: str | None, at: Mapping[st
         by_causes = _by_causes(fit, theta, speed, mode)
         made = zip(_numbers(mode).tolist(), slope, units, strict=True)
         own = [
-            fit.propagate_in(group, v + _shift(fit, by_causes, row), s, u, speed=speed, by_causes=by_causes.get(row))
+            propagated(fit, group, v + _shift(fit, by_causes, row), s, u, speed=speed, by_causes=by_causes.get(row))
             for row, (v, s, u) in enumerate(made)
         ]
         frequency = Quantity(own[0].value + back, own[0].stderr, own[0].unit, own[0].freedom)
