@@ -25,7 +25,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 from reporting import RESULTS, environment, table, write_csv
 
 import rotorfit as rf
-from rotorfit.lab.data.experiments import PerturbationTest, perturbation_test
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.from_arrays import perturbation_test
 
 RUNS = (18, 35, 70, 140, 280)
 LINES = 200

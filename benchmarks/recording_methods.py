@@ -35,7 +35,8 @@ from reporting import RESULTS, environment, table, write_csv
 import rotorfit as rf
 from rotorfit.base.units import RAD_S_PER_RPM
 from rotorfit.estimators.signals.tracking import track_windows
-from rotorfit.lab.data.experiments import PerturbationTest, perturbation_test
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.from_arrays import perturbation_test
 from rotorfit.lab.recordings.recording import Recording
 from rotorfit.lab.recordings.reduction.reduced_record import ReducedRecord, reduce_record
 

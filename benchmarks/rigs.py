@@ -14,7 +14,8 @@ from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.identify.fitting.problem_setup import build_problem
 from rotorfit.identify.fitting.settings import FitSettings
-from rotorfit.lab.data.experiments import PerturbationTest, perturbation_test
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.from_arrays import perturbation_test
 from rotorfit.models import Anisotropic, Chain, OneMode, Overhung, RotorModel, TwoDisk, WhirlWhip
 from rotorfit.models.motion.stability import eigenvalues
 

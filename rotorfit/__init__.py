@@ -56,9 +56,9 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.lab.data.experiments import PerturbationTest as PerturbationTest
     from rotorfit.lab.data.experiments import RingDownTest as RingDownTest
     from rotorfit.lab.data.experiments import StaticTest as StaticTest
-    from rotorfit.lab.data.experiments import perturbation_test as perturbation_test
     from rotorfit.lab.data.findings import DataWarning as DataWarning
     from rotorfit.lab.data.findings import Finding as Finding
+    from rotorfit.lab.data.from_arrays import perturbation_test as perturbation_test
     from rotorfit.lab.data.joined import join_runs as join_runs
     from rotorfit.lab.data.ring_down import ring_down_modes as ring_down_modes
     from rotorfit.lab.data.synchronous import difference_synchronous as difference_synchronous
@@ -94,7 +94,8 @@ _NAMES = {
     "studies.campaigns.campaign": "Campaign campaign",
     "lab.data.balancing": "Balance balance",
     "lab.data.experiments": "CoefficientTable DisplacementTest ImpulseTest LineTest PerturbationTest RingDownTest "
-    "StaticTest perturbation_test",
+    "StaticTest",
+    "lab.data.from_arrays": "perturbation_test",
     "lab.data.findings": "DataWarning Finding",
     "lab.data.joined": "join_runs",
     "lab.data.ring_down": "ring_down_modes",

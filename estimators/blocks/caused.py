@@ -28,11 +28,6 @@ class CausedResponses(OnResponses):
     gain: ComplexArray  # factor of each reading, shape ``(R,)``
 
     @property
-    def responses(self) -> Responses:
-        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
-        return self.base
-
-    @property
     def linear(self) -> Responses:
         """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
         return self.own

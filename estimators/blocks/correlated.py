@@ -26,11 +26,6 @@ class CorrelatedResponses(OnResponses):
     notes: tuple[str, ...] = ()  # sentences on where the errors come from
 
     @property
-    def responses(self) -> Responses:
-        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
-        return self.base
-
-    @property
     def linear(self) -> Responses:
         """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
         return self.base

@@ -44,11 +44,6 @@ class OrbitResponses(OnResponses):
         return journal(self.model)
 
     @property
-    def responses(self) -> Responses:
-        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
-        return self.base
-
-    @property
     def frozen(self) -> OrbitResponses:
         """The same with the measured eccentricities taken as given."""
         return replace(self, mode="given", eccentricity=np.nan_to_num(self.eccentricity))

@@ -324,6 +324,11 @@ class OnResponses(Asked):
     base: Responses  # the readings as of a linear rotor
 
     @property
+    def responses(self) -> Responses | None:
+        """See :class:`Asked`."""
+        return self.base
+
+    @property
     def model(self) -> RotorModel:
         """The rotor."""
         return self.base.model

@@ -88,6 +88,11 @@ class PairResponses(OnResponses):
     line: Text  # ``w``, ``2Om-w``, on supports that differ in two directions ``-w`` and others
 
     @property
+    def responses(self) -> None:
+        """None: those of the base are in turning coordinates."""
+        return None
+
+    @property
     def measured(self) -> ComplexArray:
         """See :class:`~rotorfit.estimators.blocks.observations.Block`."""
         return self._turned_back(self.base.measured)

@@ -32,7 +32,8 @@ from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.identify.fitting.problem_setup import build_problem
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import FitSettings
-from rotorfit.lab.data.experiments import Experiment, PerturbationTest, perturbation_test
+from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+from rotorfit.lab.data.from_arrays import perturbation_test
 from rotorfit.models import (
     Chain,
     Constant,

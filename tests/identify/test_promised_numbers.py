@@ -12,7 +12,7 @@ from sentences import hear
 from synthetic import TYPICAL, circular_test, covering_frequencies
 
 import rotorfit as rf
-from rotorfit.lab.data.experiments import perturbation_test
+from rotorfit.lab.data.from_arrays import perturbation_test
 from rotorfit.models import BLOCKS, OneMode, TwoDisk, WhirlWhip
 
 RPM = np.pi / 30

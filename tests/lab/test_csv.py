@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from sentences import refuses
 
 import rotorfit
-from rotorfit.lab.data.experiments import DisplacementTest, PerturbationTest, perturbation_test
+from rotorfit.lab.data.experiments import DisplacementTest, PerturbationTest
+from rotorfit.lab.data.from_arrays import perturbation_test
 from rotorfit.lab.io.files import read
 from rotorfit.lab.io.tables.cells import encoding_of
 from rotorfit.lab.io.tables.result_tables import frame_csv, records_csv, rows_csv

@@ -18,7 +18,8 @@ from slow_cases import slow_but
 from synthetic import TYPICAL, circular_test, covering_frequencies
 
 import rotorfit as rf
-from rotorfit.lab.data.experiments import DisplacementTest, Experiment, PerturbationTest, perturbation_test
+from rotorfit.lab.data.experiments import DisplacementTest, Experiment, PerturbationTest
+from rotorfit.lab.data.from_arrays import perturbation_test
 from rotorfit.lab.io.files import read
 from rotorfit.models import WhirlWhip
 

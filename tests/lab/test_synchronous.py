@@ -9,7 +9,7 @@ from sentences import refuses, warns
 import rotorfit as rf
 from rotorfit import datasets  # noqa: F401 - the package has to be importable
 from rotorfit.estimators.blocks.set_speeds import set_speeds
-from rotorfit.lab.data.experiments import perturbation_test
+from rotorfit.lab.data.from_arrays import perturbation_test
 from rotorfit.lab.data.synchronous import DIFFERENCED, difference_synchronous
 from rotorfit.lab.io.files import read, write
 from rotorfit.models import TwoDisk

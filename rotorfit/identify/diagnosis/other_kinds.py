@@ -12,8 +12,9 @@ from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.diagnosis.orbits import orbits_of, total_power
 from rotorfit.identify.diagnosis.readings import rows_of
 from rotorfit.identify.diagnosis.signs import AGAINST_SHARE, signs, turned
-from rotorfit.lab.data.experiments import DisplacementTest, ImpulseTest, RingDownTest, StaticTest, perturbation_test
+from rotorfit.lab.data.experiments import DisplacementTest, ImpulseTest, RingDownTest, StaticTest
 from rotorfit.lab.data.findings import Finding, listed
+from rotorfit.lab.data.from_arrays import perturbation_test
 from rotorfit.lab.data.linear_force import directional
 from rotorfit.lab.data.ring_down import ring_down_modes
 

@@ -22,7 +22,8 @@ from rotorfit.identify.fitting.settings import FitSettings, PhaseOffsets
 from rotorfit.identify.observing.baseline import with_baseline
 from rotorfit.identify.observing.clearance import usable
 from rotorfit.identify.observing.observations import correlated, observe_any
-from rotorfit.lab.data.experiments import Experiment, PerturbationTest, in_words
+from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+from rotorfit.lab.data.rows import in_words
 from rotorfit.lab.data.weights import Influences, weighed
 from rotorfit.models import RotorModel
 

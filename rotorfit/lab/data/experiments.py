@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from html import escape
-from typing import TYPE_CHECKING, Any, ClassVar, Self, cast
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Bool, ComplexArray, Float, Index, Records, Text
-from rotorfit.base.digits import significant
-from rotorfit.base.units import RPM_PER_RAD_S, UNITS
-from rotorfit.estimators.blocks.row_keys import distinguished, numbers, words
-from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE, once_per_turn, set_speeds
+from rotorfit.base.units import UNITS
+from rotorfit.estimators.blocks.row_keys import distinguished, words
+from rotorfit.estimators.blocks.set_speeds import once_per_turn
 from rotorfit.lab.data.lines import Lines, lines_of
+from rotorfit.lab.data.rows import Rows
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
+    pass
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
 """x, y: one probe, phasor relative to exp(+j|w|t); z: complex amplitude relative to exp(jwt) with w signed.
@@ -40,223 +38,8 @@ MEASURED = "measured_quantity"
 """Attribute that says which of :data:`DERIVATIVES` a reading was before it became a displacement."""
 
 
-def _read_only(values: NDArray[Any]) -> NDArray[Any]:
-    """An array that nobody writes to: what is worked out of it holds as long as it lives."""
-    if not isinstance(values, np.ndarray) or values.flags.writeable:
-        values = np.array(values)
-        values.flags.writeable = False
-    return values
-
-
-def _range(rates: Float) -> str:
-    """Lowest and highest of some frequencies or speeds, rad/s, in rpm."""
-    rates = rates[np.isfinite(rates)] * RPM_PER_RAD_S
-    if not rates.size:
-        return ""
-    ends = [significant(end, 5) for end in (rates.min(), rates.max())]
-    return ends[0] if ends[0] == ends[1] else f"{ends[0]} to {ends[1]}"
-
-
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class _Rows:
-    """Read-only arrays of one length, one row a reading."""
-
-    title: ClassVar[str]
-
-    source: str = ""
-    attributes: Mapping[str, NDArray[Any]] = field(default_factory=dict)
-    speed_tolerance: float = SPEED_TOLERANCE
-    run: Text
-    speed: Float
-
-    @cached_property
-    def set_speed(self) -> Float:
-        """Speed that the rotor was set to, rad/s: means of logged speeds within ``speed_tolerance``, shape ``(R,)``."""
-        frequency = self.frequencies if len(self.frequencies) else np.zeros(len(self))
-        return set_speeds(self.speed, frequency, numbers(self.run), self.speed_tolerance)
-
-    @cached_property
-    def runs(self) -> tuple[str, ...]:
-        """Names of the runs in order of appearance."""
-        return tuple(words(self.run)[0])
-
-    @cached_property
-    def planes(self) -> tuple[str, ...]:
-        """Measured planes in order of appearance, none for experiments that name no plane."""
-        return tuple(words(getattr(self, "plane", np.zeros(0)))[0])
-
-    @property
-    def frequencies(self) -> Float:
-        """Tested or measured frequencies, rad/s; none for constant loads and records."""
-        return np.asarray(getattr(self, "frequency", np.zeros(0)))
-
-    @property
-    def kind(self) -> str:
-        """What the experiment is, in words."""
-        return self.title
-
-    @property
-    def synchronous(self) -> bool:
-        """True if every reading is a response at once-per-turn frequency."""
-        return False
-
-    @property
-    def motion(self) -> ComplexArray:
-        """Motion that each row read or imposed, m, of slopes rad; empty where a kind has none."""
-        return np.zeros(0, dtype=complex)
-
-    @property
-    def lateral(self) -> Bool:
-        """Rows that are no slopes of the shaft, shape ``(R,)``."""
-        return np.ones(len(self), dtype=bool)
-
-    @property
-    def unforced(self) -> Bool:
-        """Rows of responses that no force brought about, shape ``(R,)``."""
-        return np.zeros(len(self), dtype=bool)
-
-    @property
-    def same_place(self) -> Index:
-        """Number of each row, the same where rows share one position of the journal, shape ``(R,)``."""
-        return np.arange(len(self))
-
-    @property
-    def probes(self) -> tuple[str, ...]:
-        """Plane, and direction where it is told, of each probe in order of appearance."""
-        return self.planes
-
-    @property
-    def forces(self) -> tuple[str, ...]:
-        """Planes of forces that turn or go with a frequency, in order of appearance, as a test names them."""
-        return ()
-
-    @property
-    def force_planes(self) -> tuple[str, ...]:
-        """Planes of all forces and loads in order of appearance."""
-        return ()
-
-    @property
-    def sizes(self) -> tuple[tuple[str, Float, str], ...]:
-        """Names of what was read and what brought it about, the sizes of these, and their units."""
-        return ()
-
-    def excursion(self, plane: str, clearance: float) -> Float:
-        """How far the journal at a plane went by each reading, m, NaN where the reading is not of it, ``(R,)``.
-
-        Args:
-            plane: of the journal.
-            clearance: of its bearing, m.
-        """
-        return np.full(len(self), np.nan)
-
-    def with_forces(self, change: Callable[[ComplexArray], ComplexArray]) -> Self:
-        """The experiment with other forces where turning forces were applied, and as it is elsewhere.
-
-        Args:
-            change: from one force of each row, N, shape ``(R,)``, to another.
-        """
-        return self
-
-    def __repr__(self) -> str:
-        """Kind and size of the experiment, on one line; the arrays are its attributes."""
-        rpm = np.unique(np.round(self.set_speed * RPM_PER_RAD_S, 3))
-        speeds = ", ".join(f"{s:g}" for s in rpm) if rpm.size <= 4 else f"{rpm[0]:g} to {rpm[-1]:g}"
-        places = f", at {', '.join(self.planes)}" if self.planes else ""
-        source = self.source or "from arrays"
-        return f"<{type(self).__name__} {source}: {self.size_in_words}{places}, {speeds or 'no'} rpm>"
-
-    def _repr_html_(self) -> str:
-        """Runs as a table, for a notebook."""
-        head = ("run", "readings", "speed, rpm", "frequency, rpm", "planes")
-        most = 30  # runs that are read at a glance
-        rows = []
-        for run in self.runs[:most]:
-            here = np.flatnonzero(np.asarray(self.run) == run)
-            own = self.select(here)
-            ranges = _range(self.set_speed[here]), _range(own.frequencies)
-            rows.append((run, str(here.size), *ranges, ", ".join(own.planes)))
-        body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
-        names = "".join(f"<th>{name}</th>" for name in head)
-        more = f"<p>and {len(self.runs) - most} more runs</p>" if len(self.runs) > most else ""
-        table = f"<table><thead><tr>{names}</tr></thead><tbody>{body}</tbody></table>"
-        return f"<p>{escape(repr(self)[1:-1])}</p>{table}{more}"
-
-    def to_dataframe(self) -> DataFrame:
-        """The experiment as a table with the columns of a tidy CSV, which :func:`rotorfit.read` takes too.
-
-        Example:
-            >>> len(rig.to_dataframe()) == len(rig)
-            True
-        """
-        from rotorfit.lab.io.files import to_dataframe
-
-        return to_dataframe(cast("Experiment", self))
-
-    @property
-    def size_in_words(self) -> str:
-        """How many readings in how many runs."""
-        rows, runs = len(self), len(self.runs)
-        return f"{rows} reading{'s' * (rows != 1)} in {runs} run{'s' * (runs != 1)}"
-
-    def __post_init__(self) -> None:
-        lengths = {name: len(getattr(self, name)) for name in self._columns()}
-        lengths |= {name: len(values) for name, values in self.attributes.items()}
-        if len(set(lengths.values())) != 1:
-            raise ValueError(f"{type(self).__name__}: columns of unequal length: {lengths}")
-        self._freeze()
-
-    def _freeze(self) -> None:
-        for name in self._columns():
-            object.__setattr__(self, name, _read_only(getattr(self, name)))
-        object.__setattr__(self, "attributes", {name: _read_only(v) for name, v in self.attributes.items()})
-
-    def __getstate__(self) -> dict[str, Any]:
-        """The columns alone: what was worked out of them is worked out again where it is needed."""
-        return {f.name: getattr(self, f.name) for f in fields(self)}
-
-    def __setstate__(self, columns: dict[str, Any]) -> None:
-        self.__dict__.update(columns)
-        self._freeze()
-
-    def _columns(self) -> list[str]:
-        return [f.name for f in fields(self) if f.name not in ("source", "attributes", "speed_tolerance")]
-
-    def __len__(self) -> int:
-        return len(self.run)
-
-    def select(self, rows: NDArray[Any]) -> Self:
-        """The experiment restricted to rows, given as a boolean mask or as indices."""
-        chosen: dict[str, Any] = {name: getattr(self, name)[rows] for name in self._columns()}
-        attributes = {name: values[rows] for name, values in self.attributes.items()}
-        return replace(self, attributes=attributes, **chosen)
-
-    def attribute(self, name: str) -> NDArray[Any]:
-        """Values of a test attribute for each row; ``speed_rpm``, which the rotor was set to, and ``run`` count too.
-
-        ``speed_rpm+pressure_bar`` stands for both together, with values such as ``3000+2``.
-        """
-        if "+" in name and name not in self.attributes:
-            parts = [self.attribute(one.strip()).tolist() for one in name.split("+")]
-            return np.array(["+".join(in_words(value) for value in row) for row in zip(*parts, strict=True)])
-        if name == "speed_rpm":
-            return np.asarray(np.round(self.set_speed * RPM_PER_RAD_S, 6))
-        if name == "run":
-            return self.run
-        if name not in self.attributes:
-            raise KeyError(
-                f"{self.source or 'the experiment'} has no attribute {name!r}; it has "
-                f"{', '.join(['run', 'speed_rpm', *self.attributes])}"
-            )
-        return self.attributes[name]
-
-
-def in_words(value: Any) -> str:
-    """A value of an attribute as the names of parameters have it."""
-    return f"{value:.10g}" if isinstance(value, (int, float)) else str(value)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class PerturbationTest(_Rows):
+class PerturbationTest(Rows):
     """Responses to a rotating force: one row is one probe reading in one run at one frequency.
 
     Attributes:
@@ -490,7 +273,7 @@ def none_further(rows: int) -> Records:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class DisplacementTest(_Rows):
+class DisplacementTest(Rows):
     """Forces measured while a circular orbit is imposed (eqs 14 to 17), one row a frequency.
 
     Attributes:
@@ -531,7 +314,7 @@ class DisplacementTest(_Rows):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class StaticTest(_Rows):
+class StaticTest(Rows):
     """Displacements of a turning rotor under constant loads, one row a load (Figs 26 to 28).
 
     Attributes:
@@ -579,7 +362,7 @@ class StaticTest(_Rows):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class ImpulseTest(_Rows):
+class ImpulseTest(Rows):
     """Free vibration after an impulse: frequency and damping of a mode, one row an impulse (Fig. 29).
 
     The journal rests at ``eccentricity``, or, where that is NaN, at ``position``.
@@ -629,7 +412,7 @@ class ImpulseTest(_Rows):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class RingDownTest(_Rows):
+class RingDownTest(Rows):
     """Records of free vibration after impulses, one row a sample, one run a record.
 
     :func:`rotorfit.ring_down_modes` reduces it to an :class:`ImpulseTest`; fits do so by themselves.
@@ -652,7 +435,7 @@ class RingDownTest(_Rows):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class CoefficientTable(_Rows):
+class CoefficientTable(Rows):
     """Coefficients of an isotropic bearing or seal by speed and eccentricity, from a seal code or a test report.
 
     ``kxx = kyy``, ``kxy = -kyx`` and so on, with the signs of the fluid force: positive kxy drives forward whirl.
@@ -681,7 +464,7 @@ class CoefficientTable(_Rows):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class LineTest(_Rows):
+class LineTest(Rows):
     """Spectral lines of a rotor whose stiffness turns with it, and of its twist: one row is one line of one signal.
 
     A force at w makes motion at w, at its image 2 Om - w, and twist at w - Om, w - 2 Om, ...; lines without a force
@@ -727,101 +510,6 @@ class LineTest(_Rows):
 
 
 Experiment = PerturbationTest | DisplacementTest | StaticTest | ImpulseTest | RingDownTest | CoefficientTable | LineTest
-
-
-def perturbation_test(
-    *,
-    run: Sequence[str] | Text,
-    speed: Any,
-    frequency: Any,
-    force_plane: Sequence[str] | Text,
-    force: Any,
-    plane: Sequence[str] | Text,
-    direction: Sequence[str] | Text,
-    response: Any,
-    sigma: Any = np.nan,
-    force_direction: str | Sequence[str] | Text = "circular",
-    force_angle: Any = None,
-    further_forces: Sequence[tuple[tuple[Any, ...], ...]] | Records = (),
-    attributes: Mapping[str, Any] | None = None,
-    source: str = "",
-) -> PerturbationTest:
-    """Build a :class:`PerturbationTest` from arrays or scalars, scalars spread over all rows.
-
-    A reading under several forces at once is written once for each: rows that agree in run, speed, frequency, plane,
-    direction and response, with different planes of the force.
-
-    Args:
-        run, speed, frequency, force_plane, force, plane, direction, response, sigma, force_direction: SI units, shape
-            ``(R,)`` or scalar, see :class:`PerturbationTest`.
-        force_angle: angles at which circular forces point at t = 0, from x towards y, forward and backward alike, rad;
-            ``force`` is then their size. It goes with readings z: ``z = H(w) F exp(j force_angle)`` at signed w. Left
-            out, ``force`` is ``F exp(j delta)`` of eq. (2), whose delta is minus that angle where w < 0.
-        further_forces: pairs (plane, N), or (plane, N, direction), of each row, in place of rows written once for each
-            force; without a direction it is that of ``force``.
-        attributes: further columns by name.
-        source: where the data came from, for messages.
-
-    Raises:
-        ValueError: columns of unequal length, an unknown direction, or a reading that contradicts itself.
-
-    Example:
-        >>> test = rf.perturbation_test(
-        ...     run="fwd", speed=150.0, frequency=[40.0, 80.0], force_plane="journal", force=5.0,
-        ...     plane="journal", direction="z", response=[2e-4 - 1e-4j, 1e-4 - 1e-4j], sigma=1e-7,
-        ... )
-        >>> len(test), test.planes
-        (2, ('journal',))
-    """
-    given = {
-        "run": (run, str),
-        "speed": (speed, float),
-        "frequency": (frequency, float),
-        "force_plane": (force_plane, str),
-        "force": (force, complex),
-        "plane": (plane, str),
-        "direction": (direction, str),
-        "response": (response, complex),
-        "sigma": (sigma, float),
-        "force_direction": (force_direction, str),
-    }
-    if force_angle is not None:
-        given["force"] = (_phasor(force, force_angle, frequency, force_direction), complex)
-    columns = {name: _column(name, values, kind) for name, (values, kind) in given.items()}
-    lengths = {name: column.shape for name, column in columns.items() if column.size != 1}
-    if len(set(lengths.values())) > 1 or any(len(shape) > 1 for shape in lengths.values()):
-        listed = ", ".join(f"{name} {' x '.join(map(str, shape))}" for name, shape in lengths.items())
-        raise ValueError(f"{source or 'the test'}: columns must be single values or lists of one length; got {listed}")
-    shape = np.broadcast_shapes((1,), *[column.shape for column in columns.values()])
-    spread: dict[str, Any] = {name: np.broadcast_to(column, shape).copy() for name, column in columns.items()}
-    from rotorfit.lab.data.several_forces import gathered
-
-    rows = zip(further_forces, spread["force_direction"].tolist(), strict=True) if len(further_forces) else ()
-    further = records(tuple((at, F, *(rest or [axis])) for at, F, *rest in acting) for acting, axis in rows)
-    test = PerturbationTest(
-        **spread,
-        attributes={name: np.broadcast_to(np.asarray(v), shape).copy() for name, v in (attributes or {}).items()},
-        source=source,
-        further_forces=further,
-    )
-    return test if len(further_forces) else gathered(test)
-
-
-def _phasor(size: Any, angle: Any, frequency: Any, along: Any) -> ComplexArray:
-    """``F exp(j delta)`` of forces that point at an angle at t = 0."""
-    if np.any(np.asarray(along) != "circular"):
-        raise ValueError("force_angle is the angle of a circular force; along an axis give the phasor as force")
-    if np.iscomplexobj(size):
-        raise ValueError("force_angle goes with the size of the force; force is complex and has an angle already")
-    turn = np.where(np.asarray(frequency, dtype=float) < 0, -1j, 1j)
-    return np.asarray(np.asarray(size, dtype=float) * np.exp(turn * np.asarray(angle, dtype=float)))
-
-
-def _column(name: str, values: Any, kind: type) -> NDArray[Any]:
-    try:
-        return np.asarray(values, dtype=kind)
-    except (ValueError, TypeError) as error:
-        raise ValueError(f"{name} must be numbers in SI units, one for each reading: {error}") from error
 
 
 def plane_groups(test: PerturbationTest) -> list[list[str]]:

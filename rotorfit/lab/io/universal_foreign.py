@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from rotorfit.base.units import UNITS, find_unit
-from rotorfit.lab.data.experiments import DERIVATIVES, MEASURED, PerturbationTest, perturbation_test
+from rotorfit.lab.data.experiments import DERIVATIVES, MEASURED, PerturbationTest
 from rotorfit.lab.data.findings import level_of_caller
+from rotorfit.lab.data.from_arrays import perturbation_test
 from rotorfit.lab.io.universal_file import copies
 
 DIRECTIONS = {1: ("x", 1.0), 2: ("y", 1.0), 5: ("rx", 1.0), 4: ("ry", -1.0)}

@@ -18,9 +18,9 @@ from rotorfit.lab.data.experiments import (
     RingDownTest,
     StaticTest,
     none_further,
-    perturbation_test,
     records,
 )
+from rotorfit.lab.data.from_arrays import perturbation_test
 from rotorfit.lab.data.ring_down import ring_down_test
 from rotorfit.lab.simulation.integration import Steady, integrate, rest_position, steady_state
 from rotorfit.lab.simulation.rig import VirtualRig, positive, rates_rpm, some_planes

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from rotorfit.base.array_types import Bool, ComplexArray, Float
 from rotorfit.base.digits import significant
 from rotorfit.estimators.signals.local_response import LocalResponse, RecordSpectra, local_response
-from rotorfit.lab.data.experiments import DERIVATIVES, MEASURED, PerturbationTest, perturbation_test
+from rotorfit.lab.data.experiments import DERIVATIVES, MEASURED, PerturbationTest
 from rotorfit.lab.data.findings import Finding
+from rotorfit.lab.data.from_arrays import perturbation_test
 from rotorfit.lab.recordings.recording import Recording
 from rotorfit.lab.recordings.reduction.reduced_record import ReducedRecord
 from rotorfit.lab.recordings.signals import said_of
