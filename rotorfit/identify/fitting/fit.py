@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
@@ -230,7 +231,6 @@ def judged(
     beside = None if nothing else _beside(problem, solution, settings, for_noise=studied)
     at = problem if beside is None else beside.problem
     study = study_residuals(at, solution.x, beside) if studied else None
-    begin, again = None if beside is None else beside.x, beside is not None and beside.missed >= NEGLIGIBLE
     if study is not None and study.found is not None:
         offsets, settings = settings.phase_offsets, replace(settings, noise=study.found)
         names, model = (*problem.space.names, *problem.space.nuisance), problem.space.model
@@ -244,9 +244,9 @@ def judged(
         options = Options(max_iterations=settings.max_iterations, method=settings.method)
         closer = solve(problem, named(solution.x), options)
         solution = replace(closer, n_evaluations=solution.n_evaluations + closer.n_evaluations)
-        begin, again = None if begin is None else named(begin), True
-    if again:
-        beside = _beside(problem, solution, settings, None if begin is None or beside is None else (begin, beside))
+        beside = None if beside is None else replace(beside, x=named(beside.x), missed=math.inf)
+    if beside is not None and beside.missed >= NEGLIGIBLE:
+        beside = _beside(problem, solution, settings, beside)
     if beside is not None:
         problem, solution = beside.problem, replace(solution, x=beside.x)
     return judge(problem, experiments, settings, start, solution, notes, study, beside)
@@ -256,7 +256,7 @@ def _beside(
     problem: Problem,
     solution: Solution,
     settings: FitSettings,
-    begin: tuple[Float, JointSearch] | None = None,
+    begin: JointSearch | None = None,
     *,
     for_noise: bool = False,
 ) -> JointSearch | None:

@@ -124,7 +124,7 @@ def search(
     given: Mapping[str, float],
     calibration: Calibration | None = None,
     *,
-    begin: tuple[Float, JointSearch] | None = None,
+    begin: JointSearch | None = None,
     for_noise: bool = False,
 ) -> JointSearch | None:
     """Solve for causes beside fitted values from their optimum without any; nothing where the list is empty.
@@ -136,8 +136,8 @@ def search(
         problem: what is fitted.
         x: fitted vector without causes.
         given, calibration: as for :func:`~rotorfit.identify.fitting.causes.listing.listed`.
-        begin: fitted vector and causes where another search ended: effects of runs, which would pass for causes at
-            their optimum without any, are to be solved about these.
+        begin: where another search ended: effects of runs, which would pass for causes at their optimum without any,
+            are to be solved about it.
         for_noise: solve only as closely as a study of the residuals asks for.
     """
     causes = listed(problem, x, given, calibration)
@@ -145,8 +145,8 @@ def search(
         return None
     known = None
     if begin is not None:
-        before = {cause.name: size for cause, size in zip(begin[1].causes, begin[1].sizes.tolist(), strict=True)}
-        known = begin[0], np.array([before.get(cause.name, 0.0) for cause in causes])
+        before = {cause.name: size for cause, size in zip(begin.causes, begin.sizes.tolist(), strict=True)}
+        known = begin.x, np.array([before.get(cause.name, 0.0) for cause in causes])
     near = NOISE_LIKE * math.sqrt(2 * problem.n_data) if for_noise else NEGLIGIBLE
     found = _solved(problem, x, causes, near, known)
     raised: dict[str, None] = {}
