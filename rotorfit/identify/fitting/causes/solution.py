@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from rotorfit.base.array_types import ComplexArray, Float
+from rotorfit.base.significance import OPEN_ERRORS
 from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.estimators.inference.causes import Cause, columns, with_causes
 from rotorfit.estimators.inference.covariance import prior_curvature, prior_slope
@@ -93,7 +94,7 @@ class JointSearch:
 def _few_runs(problem: Problem, x: Float, root: Float) -> Float | None:
     """Changes of the residuals by what each of a few runs may differ by, its gain and the angle of its mark, real and
     imaginary parts, shape ``(2 R, m)``; nothing for one run and for many, whose differences the residuals tell."""
-    few = 12
+    few = 12  # runs up to which an effect of theirs may pass for a cause; of more its scatter tells it. Chosen.
     names, number = words(problem.run)
     if not 2 <= len(names) <= few or len(problem.responses) < len(problem.blocks):
         return None
@@ -108,8 +109,6 @@ def _few_runs(problem: Problem, x: Float, root: Float) -> Float | None:
 
 RUN_GAIN, RUN_ANGLE = 0.005, math.radians(0.5)
 """Standard deviations by which repeats of a run differ in gain and angle: measured, 0.3 to 1 % of 3 to 13 um."""
-PULLED = 3.0
-"""Pull from which a size is too small for what the data show, once in 370 where it is right. Chosen."""
 NEGLIGIBLE = 0.01
 """Square by which residuals may miss those that the derivatives promise: a tenth of a standard error of any result."""
 NOISE_LIKE = 0.2
@@ -154,7 +153,7 @@ def search(
         errors = found.weighed
         if found.square > UNLISTED * (problem.n_data - x.size):
             break
-        pulled = np.abs(np.nan_to_num(errors.pull)) > PULLED
+        pulled = np.abs(np.nan_to_num(errors.pull)) > OPEN_ERRORS
         if not pulled.any():
             break
         raised |= dict.fromkeys(np.array([cause.name for cause in causes])[pulled].tolist())

@@ -11,6 +11,7 @@ import numpy as np
 
 from rotorfit.base.digits import significant, two_digits
 from rotorfit.base.names import unknown_name
+from rotorfit.base.significance import OPEN_ERRORS
 from rotorfit.base.text_table import Printed, text_table
 from rotorfit.estimators.inference.causes import Cause
 from rotorfit.identify.fitting.causes.solution import SolvedCauses
@@ -199,8 +200,6 @@ def _plane_off(solved: SolvedCauses) -> dict[str, dict[str, Any]]:
     best = int(np.argmax(np.abs(z)))
     if abs(z[best]) <= FOUND:
         return {}
-    # Fall of chi-squared from which one of two explanations is the better one, three standard errors. Chosen.
-    clear = 9.0
-    rivals = [names[gains[i]] for i in range(gains.size) if i != best and z[i] ** 2 > z[best] ** 2 - clear]
+    rivals = [names[gains[i]] for i in range(gains.size) if i != best and z[i] ** 2 > z[best] ** 2 - OPEN_ERRORS**2]
     found = (float(value[best]), float(deviation[best]), float(z[best]))
     return {names[gains[best]]: {"alone": found, "rivals": tuple(rivals)}}

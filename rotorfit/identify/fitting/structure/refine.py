@@ -11,6 +11,7 @@ import numpy as np
 
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import plus_minus, significant
+from rotorfit.base.significance import OPEN_ERRORS
 from rotorfit.base.text_table import Printed, text_table
 from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.estimators.inference.covariance import excess
@@ -216,10 +217,9 @@ def _probes_off(plain: FitResult, chosen: FitResult, steps: Sequence[FitResult])
     """Factors of probes that explain what the plain model misses, and those that do so as well."""
     before = freed_factors(plain)
     new = {plane: factor for plane, factor in freed_factors(chosen).items() if plane not in before}
-    alike = 9.0  # fall of chi-squared within which two explanations are as good, three standard errors. Chosen.
     sets = [(s.aic, set(freed_factors(s)) - set(before)) for s in steps if not getattr(s.model, "blocks", ())]
     least = min((aic for aic, planes in sets if planes == set(new)), default=math.nan)
-    near = [planes for aic, planes in sets if len(planes) == len(new) and aic < least + alike]
+    near = [planes for aic, planes in sets if len(planes) == len(new) and aic < least + OPEN_ERRORS**2]
     others = [" and ".join(sorted(planes)) for planes in near if planes != set(new)]
     for plane, factor in new.items():
         p = chosen.params[factor]
