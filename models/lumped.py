@@ -277,6 +277,8 @@ class Chain(RotorModel):
         betas: bool = False,
         probes: Mapping[str, Mapping[str, float]] | None = None,
     ) -> None:
+        if n is not None and not isinstance(n, int):
+            raise TypeError(f"a chain has a number of masses, got {n!r}; its planes are named by planes=")
         count = n if n is not None else 2 if planes is None else len(planes)
         if not 1 <= count <= MOST_MASSES:
             raise ValueError(f"a chain has 1 to {MOST_MASSES} masses, got {count}")

@@ -259,3 +259,8 @@ def test_impossible_masses():
         chain_modes([1.0, 2.0], [1.0, 2.0])
     with refuses(ValueError):
         chain_modes([1.0, -2.0], [1.0, 2.0, 3.0])
+
+
+def test_names_in_place_of_the_number_of_masses_are_refused_in_words():
+    with refuses(TypeError):
+        Chain(("disk", "journal"))

@@ -12,6 +12,7 @@ from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.start_points import short_fits
+from rotorfit.identify.fitting.noise.noise_fit import lines_in
 
 _FAR = 25.0  # times a line's redchi must exceed that of the others, five standard deviations of their noise
 _MOST_SHARE = 0.02  # share of the lines that are single ones; more are a misfit
@@ -41,7 +42,7 @@ def bad_lines(problem: Problem, x: Float, enough: float) -> BadLines | None:
     """The few lines without which a fit's redchi would be no more than ``enough``; None where others miss too."""
     if problem.loss != "linear" or len(problem.responses) < len(problem.blocks):
         return None
-    line = _numbered(problem)
+    line = np.unique(lines_in(problem), return_inverse=True)[1].reshape(-1)
     count = 2 * np.bincount(line)
     if count.size < _FEWEST:
         return None
@@ -59,16 +60,6 @@ def bad_lines(problem: Problem, x: Float, enough: float) -> BadLines | None:
         return None
     words = tuple(_place(problem, int(np.flatnonzero(line == one)[0])) for one in worst)
     return BadLines(places=words, redchi=rest)
-
-
-def _numbered(problem: Problem) -> Index:
-    """Number of the line of each reading, one after the other through all blocks."""
-    numbers, past = [], 0
-    for block in problem.responses:
-        seen, own = np.unique(block.line, return_inverse=True)
-        numbers.append(past + own.reshape(-1))
-        past += seen.size
-    return np.concatenate(numbers)
 
 
 def _squares(problem: Problem, x: Float, line: Index) -> Float:
