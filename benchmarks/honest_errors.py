@@ -43,7 +43,8 @@ from reporting import RESULTS, environment, table, write_csv  # noqa: E402
 
 import rotorfit as rf  # noqa: E402
 from rotorfit.base.array_types import ComplexArray, Float  # noqa: E402
-from rotorfit.lab.data.experiments import PerturbationTest, perturbation_test  # noqa: E402
+from rotorfit.lab.data.experiments import PerturbationTest  # noqa: E402
+from rotorfit.lab.data.from_arrays import perturbation_test  # noqa: E402
 
 TRUTH = {"M": 1.2, "K": 8000.0, "Ds": 8.0, "K0": 9000.0, "D": 450.0, "lam": 0.46, "Mf": 0.4}
 SHARP = {**TRUTH, "D": 45.0}
