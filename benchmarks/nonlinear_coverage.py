@@ -30,13 +30,11 @@ from law_data import CLEARANCE_UM, LIGHT, WHIRL_WHIP, impulse, squeeze, static, 
 from reporting import RESULTS, environment, table, write_csv  # noqa: E402
 
 import rotorfit as rf  # noqa: E402
-from rotorfit.lab.data.experiments import (  # noqa: E402
-    DisplacementTest,
-    Experiment,
-    ImpulseTest,
-    PerturbationTest,
-    StaticTest,
-)
+from rotorfit.lab.data.experiments import PerturbationTest  # noqa: E402
+from rotorfit.lab.data.rows import Experiment  # noqa: E402
+from rotorfit.lab.kinds.displacement_test import DisplacementTest  # noqa: E402
+from rotorfit.lab.kinds.free_vibration import ImpulseTest  # noqa: E402
+from rotorfit.lab.kinds.static_test import StaticTest  # noqa: E402
 
 TAIL = 1e-3
 """Chance that a pull of exact errors fails a limit, over all of them together."""

@@ -42,7 +42,7 @@ from rotorfit.base.array_types import Float  # noqa: E402
 from rotorfit.estimators.misfit.problem import Problem  # noqa: E402
 from rotorfit.identify.fitting.problem_setup import build_problem  # noqa: E402
 from rotorfit.identify.fitting.settings import FitSettings  # noqa: E402
-from rotorfit.lab.data.experiments import Experiment  # noqa: E402
+from rotorfit.lab.data.rows import Experiment  # noqa: E402
 
 LEVELS = (0.7, 1.8, 3.4, 5.2)
 HEAVIER = {n: v * (4.0 if n in ("M", "K", "Ds", "K0", "D", "Mf") else 1.0) for n, v in ONE_MODE.items()}

@@ -37,7 +37,7 @@ import start_ups  # noqa: E402
 from reporting import RESULTS, environment, table, write_csv  # noqa: E402
 
 import rotorfit as rf  # noqa: E402
-from rotorfit.lab.data.experiments import Experiment  # noqa: E402
+from rotorfit.lab.data.rows import Experiment  # noqa: E402
 from rotorfit.lab.simulation.instruments import record  # noqa: E402
 from rotorfit.lab.simulation.recorded_kinds import dwell  # noqa: E402
 from rotorfit.lab.simulation.rig import RecordedRig  # noqa: E402

@@ -33,7 +33,6 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.identify.fitting.structure.refine import Refinement as Refinement
     from rotorfit.identify.fitting.structure.refine import one_lam_test as one_lam_test
     from rotorfit.identify.fitting.structure.refine import refine as refine
-    from rotorfit.identify.observing.measured_stiffness import dynamic_stiffness as dynamic_stiffness
     from rotorfit.identify.uncertainty.bootstrap import Bootstrap as Bootstrap
     from rotorfit.identify.uncertainty.budget import Budget as Budget
     from rotorfit.identify.uncertainty.comparison import Comparison as Comparison
@@ -49,13 +48,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.identify.uncertainty.stability.record import StabilityReport as StabilityReport
     from rotorfit.lab.data.balancing import Balance as Balance
     from rotorfit.lab.data.balancing import balance as balance
-    from rotorfit.lab.data.experiments import CoefficientTable as CoefficientTable
-    from rotorfit.lab.data.experiments import DisplacementTest as DisplacementTest
-    from rotorfit.lab.data.experiments import ImpulseTest as ImpulseTest
-    from rotorfit.lab.data.experiments import LineTest as LineTest
     from rotorfit.lab.data.experiments import PerturbationTest as PerturbationTest
-    from rotorfit.lab.data.experiments import RingDownTest as RingDownTest
-    from rotorfit.lab.data.experiments import StaticTest as StaticTest
     from rotorfit.lab.data.findings import DataWarning as DataWarning
     from rotorfit.lab.data.findings import Finding as Finding
     from rotorfit.lab.data.from_arrays import perturbation_test as perturbation_test
@@ -66,6 +59,13 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.lab.data.weights import influence as influence
     from rotorfit.lab.io.files import to_dataframe as to_dataframe
     from rotorfit.lab.io.files import write as write
+    from rotorfit.lab.kinds.coefficient_table import CoefficientTable as CoefficientTable
+    from rotorfit.lab.kinds.displacement_test import DisplacementTest as DisplacementTest
+    from rotorfit.lab.kinds.free_vibration import ImpulseTest as ImpulseTest
+    from rotorfit.lab.kinds.free_vibration import RingDownTest as RingDownTest
+    from rotorfit.lab.kinds.line_test import LineTest as LineTest
+    from rotorfit.lab.kinds.static_test import StaticTest as StaticTest
+    from rotorfit.lab.observing.measured_stiffness import dynamic_stiffness as dynamic_stiffness
     from rotorfit.lab.recordings.recording import Recording as Recording
     from rotorfit.lab.recordings.recording import read_recording as read_recording
     from rotorfit.lab.recordings.reduction.responses import responses as responses
@@ -93,8 +93,12 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
 _NAMES = {
     "studies.campaigns.campaign": "Campaign campaign",
     "lab.data.balancing": "Balance balance",
-    "lab.data.experiments": "CoefficientTable DisplacementTest ImpulseTest LineTest PerturbationTest RingDownTest "
-    "StaticTest",
+    "lab.data.experiments": "PerturbationTest",
+    "lab.kinds.coefficient_table": "CoefficientTable",
+    "lab.kinds.displacement_test": "DisplacementTest",
+    "lab.kinds.free_vibration": "ImpulseTest RingDownTest",
+    "lab.kinds.line_test": "LineTest",
+    "lab.kinds.static_test": "StaticTest",
     "lab.data.from_arrays": "perturbation_test",
     "lab.data.findings": "DataWarning Finding",
     "lab.data.joined": "join_runs",
@@ -115,7 +119,7 @@ _NAMES = {
     "lab.io.files": "to_dataframe write",
     "studies.monitoring.observed_stiffness": "ObservedStiffness observed_stiffness",
     "studies.monitoring.trend": "DatedValues MachineTrend dated_anisotropy trend",
-    "identify.observing.measured_stiffness": "dynamic_stiffness",
+    "lab.observing.measured_stiffness": "dynamic_stiffness",
     "studies.planning.design": "Design",
     "studies.planning.plan": "plan",
     "studies.planning.record": "Plan",

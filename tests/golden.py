@@ -46,7 +46,7 @@ from synthetic import KNOWN, MODELS, SPEEDS, TYPICAL, circular_test, covering_fr
 import rotorfit as rf
 from rotorfit.apps.cli.main import main
 from rotorfit.base import version
-from rotorfit.lab.data.experiments import Experiment
+from rotorfit.lab.data.rows import Experiment
 
 GOLDEN = Path(__file__).parent / "data" / "golden.json"
 MOVED = 1e-6

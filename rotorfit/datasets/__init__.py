@@ -11,7 +11,8 @@ import numpy as np
 
 from rotorfit.base.names import unknown_name
 from rotorfit.base.units import RAD_S_PER_RPM
-from rotorfit.lab.data.experiments import CoefficientTable, Experiment
+from rotorfit.lab.data.rows import Experiment
+from rotorfit.lab.kinds.coefficient_table import CoefficientTable
 
 
 def names() -> tuple[str, ...]:

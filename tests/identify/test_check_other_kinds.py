@@ -14,7 +14,9 @@ from sentences import hear, refuses
 
 import rotorfit as rf
 from rotorfit.identify.diagnosis.check import check
-from rotorfit.lab.data.experiments import DisplacementTest, RingDownTest, StaticTest
+from rotorfit.lab.kinds.displacement_test import DisplacementTest
+from rotorfit.lab.kinds.free_vibration import RingDownTest
+from rotorfit.lab.kinds.static_test import StaticTest
 
 # ---- imposed orbits ------------------------------------------------------------
 

@@ -12,7 +12,6 @@ from plain import plain_fit
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.identify.observing.observations import observe_any
 from rotorfit.models.laws import Law
 
 RPM = np.concatenate([-np.linspace(200, 2500, 12), np.linspace(200, 2500, 12)])
@@ -32,7 +31,7 @@ def sweeps(
     }  # fmt: skip
     filled = rf.perturbation_test(response=1e-9 + 0j * w, **columns)  # the smallest orbit where there are several
     theta = model.vector(ONE_MODE | values)[None]
-    exact = observe_any(model, filled, np.zeros(w.size, dtype=np.intp)).predict(theta)
+    exact = filled.observe(model, np.zeros(w.size, dtype=np.intp)).predict(theta)
     rng = np.random.default_rng(seed)
     rms = np.sqrt([np.mean(np.abs(exact[level == x]) ** 2) for x in level])
     noise = 0.01 * rms * (rng.normal(size=w.size) + 1j * rng.normal(size=w.size))

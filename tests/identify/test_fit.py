@@ -19,8 +19,8 @@ from rotorfit.estimators.misfit.problem import LOSSES, robust_weights
 from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.identify.fitting.fit import fitted
 from rotorfit.identify.fitting.settings import FitSettings
-from rotorfit.lab.data.experiments import DisplacementTest
 from rotorfit.lab.data.from_arrays import perturbation_test
+from rotorfit.lab.kinds.displacement_test import DisplacementTest
 from rotorfit.models import (
     Anisotropic,
     Chain,

@@ -32,8 +32,9 @@ from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.identify.fitting.problem_setup import build_problem
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import FitSettings
-from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.from_arrays import perturbation_test
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.models import (
     Chain,
     Constant,

@@ -282,7 +282,7 @@ def beam(modes: int) -> rf.models.Modal:
 @pytest.mark.parametrize("noise", [0.02, 0.3])
 def test_more_modes_than_the_responses_hold_are_refused_at_once(noise: float) -> None:
     from rotorfit.estimators.starting.modal_start import modal_start
-    from rotorfit.identify.observing.circular import observe
+    from rotorfit.lab.observing.circular import observe
 
     blocks = [observe(beam(3), test, np.zeros(len(test), dtype=np.intp)) for test in [eight_sensors(noise)]]
     values, _ = modal_start(beam(3), blocks)

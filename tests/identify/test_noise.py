@@ -19,7 +19,7 @@ from rotorfit.estimators.noise.sweep_noise import (
     noise_from_smoothness,
 )
 from rotorfit.identify.fitting.problem_setup import group_rows
-from rotorfit.identify.observing.circular import observe
+from rotorfit.lab.observing.circular import observe
 from rotorfit.models import OneMode
 
 

@@ -15,7 +15,7 @@ from rotorfit.estimators.misfit.kernels import Batch
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.identify.fitting.problem_setup import build_problem
 from rotorfit.identify.fitting.settings import FitSettings
-from rotorfit.lab.data.experiments import Experiment
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.models.motion.journal import journal, line_stiffness
 from rotorfit.models.motion.orbits import OrbitEquation, all_roots, nearest_orbits
 

@@ -16,7 +16,8 @@ from sentences import refuses, warns
 from synthetic import TYPICAL
 
 import rotorfit as rf
-from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.io.files import read
 from rotorfit.models import OneMode, Overhung
 

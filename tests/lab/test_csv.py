@@ -11,12 +11,13 @@ from hypothesis import strategies as st
 from sentences import refuses
 
 import rotorfit
-from rotorfit.lab.data.experiments import DisplacementTest, PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.from_arrays import perturbation_test
 from rotorfit.lab.io.files import read
 from rotorfit.lab.io.tables.cells import encoding_of
 from rotorfit.lab.io.tables.result_tables import frame_csv, records_csv, rows_csv
 from rotorfit.lab.io.tables.tidy_csv import read_csv, write_csv
+from rotorfit.lab.kinds.displacement_test import DisplacementTest
 
 HEADER = "run,speed_rpm,frequency_rpm,force_plane,force_N,force_phase_deg,plane,direction,amplitude_um,phase_deg"
 ROW = "a,1000,300,disk,2.5,30,disk,x,12,-40"

@@ -12,7 +12,8 @@ from analyser_files import MODE, SPEED, Complex, W
 from sentences import refuses
 
 import rotorfit as rf
-from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.models import OneMode
 
 

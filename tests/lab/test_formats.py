@@ -18,9 +18,11 @@ from slow_cases import slow_but
 from synthetic import TYPICAL, circular_test, covering_frequencies
 
 import rotorfit as rf
-from rotorfit.lab.data.experiments import DisplacementTest, Experiment, PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.from_arrays import perturbation_test
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.io.files import read
+from rotorfit.lab.kinds.displacement_test import DisplacementTest
 from rotorfit.models import WhirlWhip
 
 UFF_RTOL = 1.1e-11

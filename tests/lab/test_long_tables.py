@@ -11,7 +11,8 @@ import pytest
 from sentences import refuses, warns
 
 import rotorfit as rf
-from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.rows import Experiment
 
 HEADER = ("run", "speed_rpm", "frequency_rpm", "force_plane", "force_N", "force_phase_deg", "plane", "direction",
           "amplitude_um", "phase_deg", "valve")  # fmt: skip

@@ -15,8 +15,9 @@ from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
 from rotorfit.apps.study_files.study_file import read_study
-from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.probes import correct_channels, resolve_probe_angles
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.io.files import SUFFIXES
 from rotorfit.models import WhirlWhip
 

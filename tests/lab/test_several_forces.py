@@ -15,7 +15,6 @@ from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
-from rotorfit.identify.observing.observations import observe_any
 
 HEAD = (
     "run,speed_rpm,frequency_rpm,force_plane,mr_g_mm,force_phase_lag_deg,plane,direction,amplitude_mil_pp,phase_lag_deg"
@@ -165,7 +164,7 @@ def test_orbits_of_a_nonlinear_journal_are_those_of_both_weights_together() -> N
     assert isinstance(test, rf.PerturbationTest)
     both = test.select(test.several)
     given = dataclasses.replace(both, sigma=np.full(len(both), 1e-9))
-    block = observe_any(model, given, np.zeros(len(both), dtype=np.intp))
+    block = given.observe(model, np.zeros(len(both), dtype=np.intp))
     assert isinstance(block, OrbitResponses)
     assert block.eccentricity.max() > 0.5
     size = np.abs(block.base.measured).max()

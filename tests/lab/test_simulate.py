@@ -18,7 +18,6 @@ from slow_cases import slow_but
 from synthetic import TYPICAL
 
 import rotorfit as rf
-from rotorfit.identify.observing.observations import observe_any
 from rotorfit.lab.data.ring_down import ring_down_modes
 from rotorfit.lab.simulation.integration import IntegrationError
 from rotorfit.lab.simulation.recordings import RECORDED
@@ -38,7 +37,7 @@ def one_mode() -> rf.models.OneMode:
 
 def predicted(model: Any, values: dict[str, float], test: Any) -> tuple[np.ndarray, np.ndarray]:
     """Readings and what the phasor equations make of the truth."""
-    block = observe_any(model, test, np.zeros(len(test), dtype=np.intp))
+    block = test.observe(model, np.zeros(len(test), dtype=np.intp))
     return block.measured, block.predict(model.vector(values)[None])
 
 
@@ -141,7 +140,7 @@ def test_forward_and_backward_whirl_that_lie_close_are_told_apart_in_noisy_recor
             model, values, "impulse", speed_rpm=[600.0, 1000.0], load=[0.0, 1.0, 4.0], impulse=5e-5, noise=0.02,
             seed=seed, tolerance=1e-6,
         )  # fmt: skip
-        block = observe_any(model, test, np.zeros(len(test), dtype=np.intp))
+        block = test.observe(model, np.zeros(len(test), dtype=np.intp))
         pulls.append((block.measured - block.predict(model.vector(values)[None])) / block.sigma)
     squares = np.abs(np.concatenate(pulls)) ** 2 / 2
     # 12 values of mean and standard deviation 1 where the stated errors hold; one mode for both would give 10 to 20

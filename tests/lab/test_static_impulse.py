@@ -33,7 +33,7 @@ from rotorfit.apps.cli.main import main
 from rotorfit.identify.fitting.problem_setup import build_problem
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import FitSettings
-from rotorfit.lab.data.experiments import Experiment
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.models import Muszynska, OneMode, WhirlWhip
 
 KNOWN = {"Ds": 8.0}

@@ -8,8 +8,10 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from rotorfit.lab.data.experiments import DisplacementTest, Experiment, PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.from_arrays import perturbation_test
+from rotorfit.lab.data.rows import Experiment
+from rotorfit.lab.kinds.displacement_test import DisplacementTest
 
 NAMES = st.text(st.characters(codec="utf-8", exclude_categories=("C", "Z")), min_size=1, max_size=12)
 PLAIN_NAMES = st.text(st.characters(min_codepoint=33, max_codepoint=126), min_size=1, max_size=12)

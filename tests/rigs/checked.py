@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from rotorfit.identify.diagnosis.check import check
-from rotorfit.lab.data.experiments import Experiment
 from rotorfit.lab.data.findings import Finding
+from rotorfit.lab.data.rows import Experiment
 
 
 def found(test: Experiment, code: str) -> Finding:

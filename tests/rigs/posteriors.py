@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from synthetic import TYPICAL, circular_test, covering_frequencies
 
-from rotorfit.lab.data.experiments import DisplacementTest
+from rotorfit.lab.kinds.displacement_test import DisplacementTest
 from rotorfit.models import OneMode
 
 TRUTH = TYPICAL["one-mode"]

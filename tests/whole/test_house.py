@@ -9,7 +9,7 @@ import pytest
 
 from rotorfit.base.digits import significant
 
-ASKED = "rotorfit.identify.observing.circular"  # imports Modal, Responses and Experiment
+ASKED = "rotorfit.estimators.starting.modal_start"  # imports Modal, Responses and RotorModel
 
 
 @pytest.mark.parametrize(
@@ -17,7 +17,7 @@ ASKED = "rotorfit.identify.observing.circular"  # imports Modal, Responses and E
     [
         ("isinstance(model, Modal)", 1),
         ("isinstance(one, int | Responses) and issubclass(kind, (Modal, float))", 2),
-        ("isinstance(test, Experiment)", 1),  # one name for several kinds
+        ("isinstance(model, RotorModel)", 1),  # the base of all kinds
         ("match model:\n  case Modal(modes=2) | None:\n    a\n  case _:\n    b", 1),
         ("table = {Modal: 1, Responses: 2}\ntable[type(block)]", 2),
         ("@title.register\ndef _(one: Modal): ...", 1),

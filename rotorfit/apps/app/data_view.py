@@ -18,7 +18,8 @@ from rotorfit.apps.app.work import read
 from rotorfit.apps.study_files.text import describe_test
 from rotorfit.apps.study_files.wording import sentence
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.recordings.summary import summary
 from rotorfit.show.plots.style import colour_of
 from rotorfit.show.report.html import element

@@ -21,8 +21,8 @@ from rotorfit.models import MODELS
 
 if TYPE_CHECKING:
     from rotorfit.apps.study_files.study import Study
-    from rotorfit.lab.data.experiments import Experiment
     from rotorfit.lab.data.findings import Finding
+    from rotorfit.lab.data.rows import Experiment
     from rotorfit.lab.recordings.recording import Recording
     from rotorfit.models import RotorModel
 

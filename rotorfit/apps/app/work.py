@@ -16,8 +16,8 @@ from rotorfit.apps.study_files.wording import sentence
 from rotorfit.base.atomic_file import reading_only_within
 
 if TYPE_CHECKING:
-    from rotorfit.lab.data.experiments import Experiment
     from rotorfit.lab.data.findings import Finding
+    from rotorfit.lab.data.rows import Experiment
 
 
 class Stage(NamedTuple):

@@ -19,8 +19,8 @@ from rotorfit.identify.fitting.structure.law_ranking import LawComparison, LawFi
 from rotorfit.identify.fitting.structure.law_ranking import compare_laws as ranked
 from rotorfit.identify.options.kinds import count_word, positive_word, words
 from rotorfit.identify.options.table import CAMPAIGN, LAW_RANKING, PARAMETERS
-from rotorfit.lab.data.experiments import Experiment
 from rotorfit.lab.data.findings import attributed, error_sentence, errors_in, warnings_in
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.io.tables.result_tables import records_csv
 from rotorfit.models import LAWS
 from rotorfit.studies.campaigns.campaign import Campaign

@@ -23,8 +23,8 @@ from rotorfit.apps.study_files.wording import sentence
 from rotorfit.base.executors import carry_out
 from rotorfit.base.file_reading import reading
 from rotorfit.base.version import RESULTS, __version__
-from rotorfit.lab.data.experiments import Experiment
 from rotorfit.lab.data.findings import Finding
+from rotorfit.lab.data.rows import Experiment
 
 if TYPE_CHECKING:
     from rotorfit.apps.store.store import Store

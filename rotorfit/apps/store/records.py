@@ -21,8 +21,8 @@ from rotorfit.identify.fitting.json_values import encode
 from rotorfit.identify.fitting.quantities import THRESHOLD, shown_unit
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.content import content_hash
-from rotorfit.lab.data.experiments import Experiment
 from rotorfit.lab.data.findings import Finding, errors_in, warnings_in
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.studies.campaigns.runs import conditions
 
 Record = TypeVar("Record", "StoredTest", "StoredFit")

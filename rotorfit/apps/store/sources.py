@@ -21,8 +21,8 @@ from rotorfit.apps.study_files.study import Study
 from rotorfit.identify.fitting.json_values import encode
 from rotorfit.identify.options.kinds import is_set
 from rotorfit.identify.options.table import FIT, StudyOptions
-from rotorfit.lab.data.experiments import Experiment
 from rotorfit.lab.data.findings import Finding
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.recordings.formats.files import ALWAYS_RAW
 from rotorfit.lab.recordings.signals import SAMPLES_OF_A_PIECE
 

@@ -38,7 +38,7 @@ from rotorfit.identify.fitting.fit_file import fit_from_json
 from rotorfit.identify.fitting.json_values import decode
 from rotorfit.identify.fitting.quantities import THRESHOLD
 from rotorfit.identify.fitting.result import FitResult
-from rotorfit.lab.data.experiments import Experiment
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.models import RotorModel
 from rotorfit.studies.monitoring.trend import DatedValues, MachineTrend, trend
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from rotorfit.base.array_types import Index
 from rotorfit.base.executors import carry_out
-from rotorfit.lab.data.experiments import Experiment
 from rotorfit.lab.data.findings import PHASE_DATUM, Finding, errors_first, without_phases
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.selection import without
 from rotorfit.lab.io.files import read
 

@@ -17,8 +17,8 @@ from rotorfit.identify.fitting.fit import closed_form, fit
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import FitOptions
 from rotorfit.identify.fitting.structure.refine import refine
-from rotorfit.lab.data.experiments import Experiment
 from rotorfit.lab.data.findings import Finding, without_phases
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.models import AnisotropicShaft
 
 if TYPE_CHECKING:

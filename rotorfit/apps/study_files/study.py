@@ -19,8 +19,10 @@ from rotorfit.identify.options.table import SHAFT, StudyOptions
 from rotorfit.identify.uncertainty.bootstrap import Bootstrap
 from rotorfit.identify.uncertainty.posterior import Posterior
 from rotorfit.identify.uncertainty.profile import Profile
-from rotorfit.lab.data.experiments import Experiment, LineTest, PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.findings import Finding, attributed, error_sentence, errors_in, of_the_fit, warnings_in
+from rotorfit.lab.data.rows import Experiment
+from rotorfit.lab.kinds.line_test import LineTest
 from rotorfit.models import LAWS, MODELS, AnisotropicShaft, KnownStructure, Modal, Orthotropic, RotorModel
 
 

@@ -15,8 +15,8 @@ from rotorfit.base.text_table import text_table
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.summary import fit_table
-from rotorfit.lab.data.experiments import Experiment
 from rotorfit.lab.data.findings import Finding
+from rotorfit.lab.data.rows import Experiment
 
 
 def summary(outcome: Outcome, rig: str = "") -> str:

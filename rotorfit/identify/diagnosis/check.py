@@ -20,17 +20,14 @@ from rotorfit.identify.diagnosis.plan import plan
 from rotorfit.identify.diagnosis.probe_pairs import reciprocity, uneven_probes
 from rotorfit.identify.diagnosis.readings import amplitudes, clipped, copied_readings, rows_of, unread
 from rotorfit.identify.diagnosis.signs import half_turns, signs, wrong_direction
-from rotorfit.lab.data.experiments import (
-    DisplacementTest,
-    Experiment,
-    ImpulseTest,
-    PerturbationTest,
-    RingDownTest,
-    StaticTest,
-)
+from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.findings import DataWarning, Finding, errors_first, listed
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.weights import dwells
 from rotorfit.lab.io import files
+from rotorfit.lab.kinds.displacement_test import DisplacementTest
+from rotorfit.lab.kinds.free_vibration import ImpulseTest, RingDownTest
+from rotorfit.lab.kinds.static_test import StaticTest
 
 P = ParamSpec("P")
 

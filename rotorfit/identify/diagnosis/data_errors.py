@@ -22,7 +22,8 @@ from rotorfit.identify.diagnosis.orbits import Orbits, orbits_of_tests, total_po
 from rotorfit.identify.diagnosis.probe_filters import FilteredProbe
 from rotorfit.identify.diagnosis.probe_pairs import uneven_planes
 from rotorfit.identify.diagnosis.trial_fits import MOST_PLANES, Explanation
-from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.rows import Experiment
 
 _DECIBELS = {"um": 1e-6, "mil": 25.4e-6, "mm": 1e-3}
 

@@ -12,11 +12,13 @@ from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.diagnosis.orbits import orbits_of, total_power
 from rotorfit.identify.diagnosis.readings import rows_of
 from rotorfit.identify.diagnosis.signs import AGAINST_SHARE, signs, turned
-from rotorfit.lab.data.experiments import DisplacementTest, ImpulseTest, RingDownTest, StaticTest
 from rotorfit.lab.data.findings import Finding, listed
 from rotorfit.lab.data.from_arrays import perturbation_test
 from rotorfit.lab.data.linear_force import directional
 from rotorfit.lab.data.ring_down import ring_down_modes
+from rotorfit.lab.kinds.displacement_test import DisplacementTest
+from rotorfit.lab.kinds.free_vibration import ImpulseTest, RingDownTest
+from rotorfit.lab.kinds.static_test import StaticTest
 
 
 def static_positions(test: StaticTest) -> Iterator[Finding]:

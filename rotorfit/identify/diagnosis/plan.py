@@ -12,10 +12,11 @@ from rotorfit.estimators.blocks.row_keys import rows_by, words
 from rotorfit.estimators.signals.ring_down import fit_ramp
 from rotorfit.identify.diagnosis.orbits import SYNCHRONOUS_DISTANCE
 from rotorfit.identify.diagnosis.readings import rows_of
-from rotorfit.lab.data.experiments import DisplacementTest, PerturbationTest, plane_groups
+from rotorfit.lab.data.experiments import PerturbationTest, plane_groups
 from rotorfit.lab.data.findings import Finding, listed
 from rotorfit.lab.data.synchronous import DIFFERENCED
 from rotorfit.lab.data.weights import Influences, solved_together
+from rotorfit.lab.kinds.displacement_test import DisplacementTest
 
 _ONE = np.array([1.0, 60.0, RPM_PER_RAD_S])
 """One rpm, Hz and rad/s in rpm."""

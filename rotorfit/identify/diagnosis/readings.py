@@ -11,8 +11,10 @@ import numpy as np
 from rotorfit.base.array_types import Bool, Float, Index
 from rotorfit.base.digits import significant
 from rotorfit.estimators.blocks.row_keys import combined, rows_by, words
-from rotorfit.lab.data.experiments import DisplacementTest, Experiment, PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.findings import NO_COPIES, Finding, listed
+from rotorfit.lab.data.rows import Experiment
+from rotorfit.lab.kinds.displacement_test import DisplacementTest
 
 _LAST_DIGIT = 1e-9  # relative difference of what is equal to the last digit
 _CLIPPED_READINGS, _CLIPPED_IN_A_ROW = 4, 3

@@ -33,9 +33,9 @@ from rotorfit.identify.fitting.noise.study import study_residuals
 from rotorfit.identify.fitting.problem_setup import as_tuple, build_problem, check_model, dry_run
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import FitSettings, PhaseOffsets
-from rotorfit.identify.observing.clearance import usable
-from rotorfit.lab.data.experiments import Experiment
 from rotorfit.lab.data.joined import runs_apart
+from rotorfit.lab.data.rows import Experiment
+from rotorfit.lab.observing.clearance import usable
 from rotorfit.models import RotorModel
 
 

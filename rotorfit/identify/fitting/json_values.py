@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from importlib import import_module
+from inspect import isabstract
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,11 @@ from rotorfit.models import RotorModel
 
 _HOMES = (
     "rotorfit.lab.data.experiments",
+    "rotorfit.lab.kinds.coefficient_table",
+    "rotorfit.lab.kinds.displacement_test",
+    "rotorfit.lab.kinds.free_vibration",
+    "rotorfit.lab.kinds.line_test",
+    "rotorfit.lab.kinds.static_test",
     "rotorfit.models",
     "rotorfit.identify.fitting.result",
     "rotorfit.identify.fitting.settings",
@@ -157,7 +163,7 @@ def _encode_own(value: Any) -> Any:
 
 def _decode_record(value: Mapping[str, Any]) -> Any:
     kind = _home(value["record"])
-    if kind is None or not is_dataclass(kind):
+    if kind is None or not is_dataclass(kind) or isabstract(kind):
         raise ValueError(f"this version of rotorfit has no record {value['record']!r}")
     given = value["fields"]
     known = {f.name: f for f in fields(kind) if f.init}
@@ -194,8 +200,6 @@ _ARRAYS = {
 }
 """Kinds of the numbers of arrays that are annotated so."""
 _SEVERAL = {
-    "Experiment": "PerturbationTest | DisplacementTest | StaticTest | ImpulseTest | RingDownTest | CoefficientTable | "
-    "LineTest",
     "Terms": "tuple[tuple[complex, int, int], ...]",
     "Entries": "tuple[tuple[int, int, float], ...]",
     "Uncertainty": "float | Mapping[str, float]",

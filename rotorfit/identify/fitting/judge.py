@@ -40,7 +40,7 @@ from rotorfit.identify.fitting.problem_setup import with_noise_of_data
 from rotorfit.identify.fitting.quantities import FittedParameter, ResponseQuality
 from rotorfit.identify.fitting.result import FitResult, noise_known_from
 from rotorfit.identify.fitting.settings import FitSettings
-from rotorfit.lab.data.experiments import Experiment
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.models import BLOCKS, RotorModel
 from rotorfit.models.motion.stability import growth_rate, stability_band
 from rotorfit.models.parameters import bare_name

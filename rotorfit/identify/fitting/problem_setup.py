@@ -19,12 +19,12 @@ from rotorfit.estimators.misfit.problem import LOSSES, Problem
 from rotorfit.identify.fitting.causes.solution import shifted
 from rotorfit.identify.fitting.noise.error_bars import with_noise, without_noise
 from rotorfit.identify.fitting.settings import FitSettings, PhaseOffsets
-from rotorfit.identify.observing.baseline import with_baseline
-from rotorfit.identify.observing.clearance import usable
-from rotorfit.identify.observing.observations import correlated, observe_any
-from rotorfit.lab.data.experiments import Experiment, PerturbationTest
-from rotorfit.lab.data.rows import in_words
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.rows import Experiment, in_words
 from rotorfit.lab.data.weights import Influences, weighed
+from rotorfit.lab.observing.baseline import with_baseline
+from rotorfit.lab.observing.clearance import usable
+from rotorfit.lab.observing.forced import correlated
 from rotorfit.models import RotorModel
 
 
@@ -106,7 +106,7 @@ def _observed(
     suffixes, groups = group_rows(seen, settings.per)
     blocks: list[Block] = []
     for experiment, found, rows in zip(seen, influences, groups, strict=True):
-        block = observe_any(model, experiment, rows)
+        block = experiment.observe(model, rows)
         if found is not None and isinstance(block, Responses):
             block = correlated(block, found)
         blocks.append(with_baseline(model, block, experiment, settings.baseline, settings.stator_mass_kg))

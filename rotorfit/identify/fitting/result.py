@@ -40,8 +40,8 @@ from rotorfit.identify.fitting.settings import (
     SampleKeywords,
     check_keywords,
 )
-from rotorfit.lab.data.experiments import Experiment
 from rotorfit.lab.data.findings import Finding
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.models import RotorModel, Threshold, threshold_speed
 from rotorfit.models.motion.stability import stability_band
 from rotorfit.models.shafts.angular_rates import real_number

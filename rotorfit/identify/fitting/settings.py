@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from rotorfit.identify.fitting.causes.solution import SolvedCauses
     from rotorfit.identify.fitting.noise.record import FoundNoise
     from rotorfit.identify.fitting.quantities import Share
-    from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+    from rotorfit.lab.data.experiments import PerturbationTest
+    from rotorfit.lab.data.rows import Experiment
 
 
 PhaseOffsets: TypeAlias = bool | Literal["common"]

@@ -13,7 +13,7 @@ from rotorfit.base.array_types import Float
 from rotorfit.base.digits import plus_minus, significant
 from rotorfit.base.text_table import Printed, text_table
 from rotorfit.identify.fitting.result import FitResult
-from rotorfit.lab.data.experiments import Experiment
+from rotorfit.lab.data.rows import Experiment
 
 if TYPE_CHECKING:
     from pandas import DataFrame

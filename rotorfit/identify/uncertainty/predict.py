@@ -23,7 +23,6 @@ from rotorfit.estimators.inference.causes import Motion, block_with_causes, movi
 from rotorfit.estimators.inference.covariance import spreading
 from rotorfit.identify.fitting.quantities import Share
 from rotorfit.identify.fitting.result import FitResult
-from rotorfit.identify.observing.observations import observe_any
 from rotorfit.identify.uncertainty.derived import DERIVED_DRAWS
 from rotorfit.identify.uncertainty.prediction import Prediction, along_and_across
 from rotorfit.lab.data.experiments import PerturbationTest
@@ -216,7 +215,7 @@ def _plane(what: str, name: str | None, planes: Sequence[str]) -> str:
 
 def _block(fit: FitResult, test: PerturbationTest, group: int) -> Block:
     """The readings in the model's coordinates; of a fluid that changes with eccentricity, orbits followed from rest."""
-    block = observe_any(fit.model, test, np.full(len(test), group, dtype=np.intp))
+    block = test.observe(fit.model, np.full(len(test), group, dtype=np.intp))
     if isinstance(block, OrbitResponses):
         return replace(block, mode="followed", sweep=np.zeros_like(block.sweep))
     if isinstance(block, OffCentreResponses):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rotorfit.base.array_types import Index
 from rotorfit.estimators.blocks.row_keys import words
-from rotorfit.lab.data.experiments import Experiment
+from rotorfit.lab.data.rows import Experiment
 
 _MISSING = np.iinfo(np.int64).min
 """Stands for a value that is not known."""

@@ -1,4 +1,4 @@
-"""Experiments as plain arrays in SI units. Readers make them, estimators see only what is derived from them."""
+"""Responses to forces as plain arrays in SI units. Readers make them, estimators see what is derived from them."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ from rotorfit.base.units import UNITS
 from rotorfit.estimators.blocks.row_keys import distinguished, words
 from rotorfit.estimators.blocks.set_speeds import once_per_turn
 from rotorfit.lab.data.lines import Lines, lines_of
-from rotorfit.lab.data.rows import Rows
+from rotorfit.lab.data.rows import PLACEHOLDER, Experiment
 
 if TYPE_CHECKING:
-    pass
+    from rotorfit.estimators.blocks.observations import Block
+    from rotorfit.models import RotorModel
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
 """x, y: one probe, phasor relative to exp(+j|w|t); z: complex amplitude relative to exp(jwt) with w signed.
@@ -39,7 +40,7 @@ MEASURED = "measured_quantity"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class PerturbationTest(Rows):
+class PerturbationTest(Experiment):
     """Responses to a rotating force: one row is one probe reading in one run at one frequency.
 
     Attributes:
@@ -99,6 +100,28 @@ class PerturbationTest(Rows):
                 f"{self.force_direction[bad][0]} (row {np.flatnonzero(bad)[0] + 1}); a force that does not turn has "
                 "positive ones"
             )
+
+    def observe(self, model: RotorModel, group: Index) -> Block:
+        """See any experiment."""
+        from rotorfit.lab.observing.forced import forced_responses  # late: it is written for this class
+
+        return forced_responses(model, self, group)
+
+    def unread(self, sigma: Float) -> PerturbationTest:
+        """See any experiment."""
+        return replace(self, response=np.full(len(self), PLACEHOLDER), sigma=sigma)
+
+    def stored_rows(self) -> PerturbationTest:
+        """See any experiment: with a row for each force of a reading."""
+        from rotorfit.lab.data.several_forces import written_per_force  # late: it knows this class
+
+        return written_per_force(self)
+
+    def from_stored_rows(self) -> PerturbationTest:
+        """See any experiment."""
+        from rotorfit.lab.data.several_forces import gathered  # late: it knows this class
+
+        return gathered(self)
 
     @cached_property
     def lines(self) -> Lines:
@@ -270,246 +293,6 @@ def records(values: Iterable[Any]) -> Records:
 def none_further(rows: int) -> Records:
     """Further forces of rows on which one force acts alone."""
     return np.broadcast_to(records([()]), rows)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class DisplacementTest(Rows):
-    """Forces measured while a circular orbit is imposed (eqs 14 to 17), one row a frequency.
-
-    Attributes:
-        run: name of the run, shape ``(R,)`` like all that follow.
-        speed: rotative speed, rad/s.
-        frequency: frequency of the imposed orbit, rad/s, signed.
-        plane: plane of the imposed orbit and of the measured force.
-        displacement: imposed circular orbit as in eq. (2), ``A exp(j delta)``, m.
-        force_x, force_y: measured force phasors relative to exp(+j|w|t), N.
-        sigma: standard deviation of real and imaginary part of each force reading, N, NaN if unknown.
-        attributes, source: see :class:`PerturbationTest`.
-    """
-
-    title: ClassVar[str] = "displacement-in test"
-
-    frequency: Float
-    plane: Text
-    displacement: ComplexArray
-    force_x: ComplexArray
-    force_y: ComplexArray
-    sigma: Float
-
-    @property
-    def motion(self) -> ComplexArray:
-        """The imposed orbits."""
-        return self.displacement
-
-    @property
-    def sizes(self) -> tuple[tuple[str, Float, str], ...]:
-        """Amplitudes and forces."""
-        forced = np.hypot(np.abs(self.force_x), np.abs(self.force_y)) / np.sqrt(2)
-        found = (("amplitude", np.abs(self.displacement) * 1e6, "um 0-peak"),) if len(self) else ()
-        return (*found, ("force", forced, "N"))
-
-    def excursion(self, plane: str, clearance: float) -> Float:
-        """See any experiment."""
-        return np.where(self.plane == plane, np.abs(self.displacement), np.nan)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class StaticTest(Rows):
-    """Displacements of a turning rotor under constant loads, one row a load (Figs 26 to 28).
-
-    Attributes:
-        run: name of the run, shape ``(R,)`` like all that follow.
-        speed: rotative speed, rad/s.
-        load_plane: plane of the load.
-        load: ``Px + j Py = P exp(j g)``, N.
-        plane: plane of the probes.
-        displacement: displacement from the centre of the bearing or seal, ``x + j y``, m.
-        sigma: standard deviation of x and of y, m, NaN if unknown.
-        attributes, source: see :class:`PerturbationTest`.
-    """
-
-    title: ClassVar[str] = "static-load test"
-
-    load_plane: Text
-    load: ComplexArray
-    plane: Text
-    displacement: ComplexArray
-    sigma: Float
-
-    @property
-    def motion(self) -> ComplexArray:
-        """The displacements."""
-        return self.displacement
-
-    @property
-    def same_place(self) -> Index:
-        """Number of the run, speed and load of each row, shape ``(R,)``."""
-        return distinguished(self.run, self.speed, self.load_plane, self.load)[1]
-
-    @property
-    def sizes(self) -> tuple[tuple[str, Float, str], ...]:
-        """Loads and positions."""
-        return ("load", np.abs(self.load), "N"), ("position", np.abs(self.displacement) * 1e6, "um")
-
-    def excursion(self, plane: str, clearance: float) -> Float:
-        """See any experiment."""
-        return np.where(self.plane == plane, np.abs(self.displacement), np.nan)
-
-    @property
-    def force_planes(self) -> tuple[str, ...]:
-        """Planes of the load in order of appearance."""
-        return tuple(dict.fromkeys(self.load_plane.tolist()))
-
-
-@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class ImpulseTest(Rows):
-    """Free vibration after an impulse: frequency and damping of a mode, one row an impulse (Fig. 29).
-
-    The journal rests at ``eccentricity``, or, where that is NaN, at ``position``.
-
-    Attributes:
-        run: name of the run, shape ``(R,)`` like all that follow.
-        speed: rotative speed, rad/s.
-        frequency: damped natural frequency, rad/s; off-centre motion turns both ways, so its sign does not count.
-        damping_ratio: ``zeta = -Re s / |s|`` of the eigenvalue s; negative where the rotor is unstable.
-        eccentricity: static eccentricity of the journal, NaN where ``position`` is given.
-        position: static position of the journal, ``x + j y``, m, NaN where ``eccentricity`` is given.
-        sigma: standard deviation of the real and of the imaginary part of s, 1/s, NaN if unknown.
-        attributes, source: see :class:`PerturbationTest`.
-    """
-
-    title: ClassVar[str] = "impulse test"
-
-    frequency: Float
-    damping_ratio: Float
-    eccentricity: Float
-    position: ComplexArray
-    sigma: Float
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        bad = np.abs(self.damping_ratio) >= 1
-        if bad.any():
-            raise ValueError(
-                f"{self.source or 'impulse test'}: damping_ratio {self.damping_ratio[bad][0]:g} in row "
-                f"{np.flatnonzero(bad)[0] + 1}; a mode that vibrates has one between -1 and 1"
-            )
-
-    def excursion(self, plane: str, clearance: float) -> Float:
-        """Where the journal rests."""
-        return np.where(np.isnan(self.eccentricity), np.abs(self.position), self.eccentricity * clearance)
-
-    @property
-    def eigenvalue(self) -> ComplexArray:
-        """Eigenvalues ``s = |w_d| (-zeta / sqrt(1 - zeta^2) + j)``, 1/s, shape ``(R,)``."""
-        w = np.abs(self.frequency)
-        return np.asarray(w * (1j - self.damping_ratio / np.sqrt(1 - self.damping_ratio**2)))
-
-    @property
-    def frequency_ratio(self) -> Float:
-        """Damped frequency over rotative speed, which the paper reports as lam(eps); good to the damping ratio."""
-        return np.abs(self.frequency) / np.abs(self.speed)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class RingDownTest(Rows):
-    """Records of free vibration after impulses, one row a sample, one run a record.
-
-    :func:`rotorfit.ring_down_modes` reduces it to an :class:`ImpulseTest`; fits do so by themselves.
-
-    Attributes:
-        run: name of the record, shape ``(R,)`` like all that follow.
-        speed: rotative speed, rad/s, one value in each record.
-        time: s, equally spaced in each record.
-        x, y: displacements of the journal, m; they settle at its static position.
-        eccentricity: static eccentricity; NaN where it follows from where x and y settle.
-        attributes, source: see :class:`PerturbationTest`.
-    """
-
-    title: ClassVar[str] = "ring-down records"
-
-    time: Float
-    x: Float
-    y: Float
-    eccentricity: Float
-
-
-@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class CoefficientTable(Rows):
-    """Coefficients of an isotropic bearing or seal by speed and eccentricity, from a seal code or a test report.
-
-    ``kxx = kyy``, ``kxy = -kyx`` and so on, with the signs of the fluid force: positive kxy drives forward whirl.
-
-    Attributes:
-        run: name of the conditions, rows that differ in eccentricity alone having the same, shape ``(R,)`` like all
-            that follow.
-        speed: rotative speed, rad/s.
-        eccentricity: orbit radius over clearance.
-        kxx, kxy: N/m.
-        cxx, cxy: N s/m.
-        mxx: kg.
-        sigma: standard deviation of each coefficient as a fraction of it, for instance 3e-7 for a table of six digits.
-        attributes, source: see :class:`PerturbationTest`.
-    """
-
-    title: ClassVar[str] = "table of coefficients"
-
-    eccentricity: Float
-    kxx: Float
-    kxy: Float
-    cxx: Float
-    cxy: Float
-    mxx: Float
-    sigma: Float
-
-
-@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class LineTest(Rows):
-    """Spectral lines of a rotor whose stiffness turns with it, and of its twist: one row is one line of one signal.
-
-    A force at w makes motion at w, at its image 2 Om - w, and twist at w - Om, w - 2 Om, ...; lines without a force
-    (1x, 2x) stand in rows with force zero.
-
-    Attributes:
-        run: name of the run, shape ``(R,)`` like all that follow.
-        speed: rotative speed Om, rad/s.
-        frequency: perturbation frequency w, rad/s, signed; zero where there is no force.
-        force_plane: plane of the force.
-        force: ``F exp(j delta)`` of eq. (2), N.
-        plane: plane of the reading.
-        direction: ``z`` (lateral, x + jy) or ``twist``.
-        line: name of the line: ``w``, ``2Om-w``, ``1x``, ``2x``, ... or of the twist ``w-Om``, ``w-2Om``, ``2w-2Om``.
-        response: complex amplitude relative to ``exp(j nu t)``, nu the line's signed frequency, m or rad; of the twist
-            ``phi = Re(response exp(j nu t))``.
-        sigma: standard deviation of its real and of its imaginary part, NaN if unknown.
-        attributes, source: see :class:`PerturbationTest`.
-    """
-
-    title: ClassVar[str] = "line test"
-    START_UP: ClassVar[int] = 5  # speeds of a line without force from which it was read over a start-up
-
-    frequency: Float
-    force_plane: Text
-    force: ComplexArray
-    plane: Text
-    direction: Text
-    line: Text
-    response: ComplexArray
-    sigma: Float
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        unknown = sorted(set(self.direction.tolist()) - {"z", "twist"})
-        if unknown:
-            raise ValueError(f"{self.source or 'the test'}: direction {unknown} unknown; allowed: z, twist")
-
-    @property
-    def force_planes(self) -> tuple[str, ...]:
-        """Planes of the force in order of appearance."""
-        return tuple(words(self.force_plane)[0])
-
-
-Experiment = PerturbationTest | DisplacementTest | StaticTest | ImpulseTest | RingDownTest | CoefficientTable | LineTest
 
 
 def plane_groups(test: PerturbationTest) -> list[list[str]]:

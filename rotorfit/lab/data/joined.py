@@ -11,7 +11,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from rotorfit.estimators.blocks.row_keys import distinguished, words
-from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.synchronous import join
 from rotorfit.lab.data.weights import differenced
 

@@ -11,8 +11,9 @@ import numpy as np
 from rotorfit.base.array_types import Float
 from rotorfit.base.names import unknown_name
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.linear_force import probe_pairs
+from rotorfit.lab.data.rows import Experiment
 
 Channel = tuple[str, str]
 """Plane and direction of a probe, ``("journal", "x")``."""

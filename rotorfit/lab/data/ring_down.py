@@ -9,7 +9,7 @@ import numpy as np
 from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.base.digits import significant
 from rotorfit.estimators.signals.ring_down import Decay, decay_of
-from rotorfit.lab.data.experiments import ImpulseTest, RingDownTest
+from rotorfit.lab.kinds.free_vibration import ImpulseTest, RingDownTest
 
 
 def ring_down_modes(test: RingDownTest, *, modes: int = 1) -> ImpulseTest:

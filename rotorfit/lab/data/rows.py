@@ -1,12 +1,13 @@
-"""Rows of readings in read-only arrays, and the plain answers of what was tested to what rooms ask of it."""
+"""Any experiment: rows of readings in read-only arrays, and the plain answers to what rooms ask of it."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from html import escape
-from typing import TYPE_CHECKING, Any, ClassVar, Self, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,8 @@ from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE, set_speeds
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-    from rotorfit.lab.data.experiments import Experiment
+    from rotorfit.estimators.blocks.observations import Block
+    from rotorfit.models import RotorModel
 
 
 def _read_only(values: NDArray[Any]) -> NDArray[Any]:
@@ -40,8 +42,12 @@ def _range(rates: Float) -> str:
     return ends[0] if ends[0] == ends[1] else f"{ends[0]} to {ends[1]}"
 
 
+PLACEHOLDER = 1e-9 + 0j
+"""Reading, m or N, in place of those of a test that was not made: inside any clearance."""
+
+
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Rows:
+class Experiment(ABC):
     """Read-only arrays of one length, one row a reading."""
 
     title: ClassVar[str]
@@ -51,6 +57,31 @@ class Rows:
     speed_tolerance: float = SPEED_TOLERANCE
     run: Text
     speed: Float
+
+    @abstractmethod
+    def observe(self, model: RotorModel, group: Index) -> Block:
+        """The readings in a model's coordinates, with their noise.
+
+        Args:
+            model: the rotor.
+            group: parameter group of each row, shape ``(R,)``.
+        """
+
+    def unread(self, sigma: Float) -> Experiment:
+        """The test as planned, without readings but those of a journal at rest and of the mode that an impulse excites.
+
+        Args:
+            sigma: noise that its readings will have, in their unit, shape ``(R,)``.
+        """
+        return self
+
+    def stored_rows(self) -> Experiment:
+        """The experiment as files hold it."""
+        return self
+
+    def from_stored_rows(self) -> Experiment:
+        """What was read of a file as the experiment that :meth:`stored_rows` was made of."""
+        return self
 
     @cached_property
     def set_speed(self) -> Float:
@@ -173,7 +204,7 @@ class Rows:
         """
         from rotorfit.lab.io.files import to_dataframe
 
-        return to_dataframe(cast("Experiment", self))
+        return to_dataframe(self)
 
     @property
     def size_in_words(self) -> str:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TypeVar, cast
+from typing import TypeVar
 
 import numpy as np
 
 from rotorfit.base.array_types import Bool
 from rotorfit.base.names import unknown_name
-from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.rows import Experiment
 
 Wanted = str | float | tuple[float, float] | Sequence[str] | Sequence[float]
 """A value, several of them, or a range (low, high) as a tuple of two numbers."""
@@ -44,7 +45,7 @@ def selected(
 def _kept(test: Test, keep: Bool, after: str) -> Test:
     if not keep.any():
         raise ValueError(f"{test.source or 'the test'}: no reading is left after {after} (of {len(test)})")
-    return test if keep.all() else cast(Test, test.select(keep))
+    return test if keep.all() else test.select(keep)
 
 
 def without(test: Test, numbers: Sequence[int]) -> Test:

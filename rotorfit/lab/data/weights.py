@@ -23,7 +23,8 @@ from rotorfit.estimators.starting.influence import (
     modes_seen,
     solve_influence,
 )
-from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.synchronous import DIFFERENCED, OPPOSITE_TOLERANCE, at_speeds, difference_synchronous
 
 

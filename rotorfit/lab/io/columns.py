@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,16 @@ from numpy.typing import NDArray
 from rotorfit.base.file_reading import shown
 from rotorfit.base.names import unknown_name
 from rotorfit.estimators.blocks.row_keys import words
-from rotorfit.lab.data.experiments import Experiment, PerturbationTest
-from rotorfit.lab.data.several_forces import gathered, written_per_force
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.rows import Experiment
+from rotorfit.lab.kinds.coefficient_table import CoefficientTable
+from rotorfit.lab.kinds.displacement_test import DisplacementTest
+from rotorfit.lab.kinds.free_vibration import ImpulseTest, RingDownTest
+from rotorfit.lab.kinds.line_test import LineTest
+from rotorfit.lab.kinds.static_test import StaticTest
 
-STORABLE: dict[str, type[Any]] = {kind.__name__: kind for kind in get_args(Experiment)}
+_KINDS = (PerturbationTest, DisplacementTest, StaticTest, ImpulseTest, RingDownTest, CoefficientTable, LineTest)
+STORABLE: dict[str, type[Any]] = {kind.__name__: kind for kind in _KINDS}
 """Experiments that can be stored column by column, by the name that goes into the file."""
 
 _TYPES = {"Text": str, "Float": float, "ComplexArray": complex}
@@ -54,7 +60,7 @@ def build(kind: str, columns: Mapping[str, Any], attributes: Mapping[str, Any], 
             attributes={name: _spread(values, size) for name, values in (extra | dict(attributes)).items()},
             source=source,
         )
-        return gathered(experiment) if isinstance(experiment, PerturbationTest) else experiment
+        return experiment.from_stored_rows()
     except ValueError as error:
         raise ValueError(str(error) if str(error).startswith(source) else f"{source}: {error}") from error
 
@@ -65,11 +71,6 @@ def shown_words(column: NDArray[Any]) -> NDArray[Any]:
         return column
     names, number = words(column.reshape(-1))
     return np.array([shown(name) for name in names], dtype=str)[number].reshape(column.shape)
-
-
-def as_stored(experiment: Experiment) -> Experiment:
-    """An experiment as files hold it, with a row for each force of a reading."""
-    return written_per_force(experiment) if isinstance(experiment, PerturbationTest) else experiment
 
 
 def _spread(values: NDArray[Any], size: int) -> NDArray[Any]:

@@ -16,7 +16,7 @@ from rotorfit.base.file_reading import reading
 from rotorfit.base.units import RAD_S_PER_RPM
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.misfit.parameter_space import LARGEST
-from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.findings import Finding, listed, report
 from rotorfit.lab.data.probes import (
     Channel,
@@ -25,6 +25,7 @@ from rotorfit.lab.data.probes import (
     resolve_probe_angles,
     subtract_measured_slow_roll,
 )
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.selection import Wanted, selected, without
 from rotorfit.lab.data.synchronous import uneven_weights
 from rotorfit.lab.data.weights import differenced

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from rotorfit.base.file_reading import check_mat, check_unpacked, reading
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
-from rotorfit.lab.data.experiments import Experiment
-from rotorfit.lab.io.columns import as_stored, build, column_types, shown_words
+from rotorfit.lab.data.rows import Experiment
+from rotorfit.lab.io.columns import build, column_types, shown_words
 from rotorfit.lab.io.tables.cells import Numbers
 from rotorfit.lab.io.tables.table import Table
 from rotorfit.lab.io.tables.tidy_csv import experiment_of
@@ -31,7 +31,7 @@ def write_mat(experiment: Experiment, path: str | Path) -> None:
     """
     from scipy.io import savemat
 
-    experiment = as_stored(experiment)
+    experiment = experiment.stored_rows()
     names = list(experiment.attributes)
     variables: dict[str, Any] = {"kind": type(experiment).__name__, "attribute_names": np.array(names, dtype=object)}
     for name in column_types(type(experiment)):

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from rotorfit.base.file_reading import check_hdf5, check_seal, is_sealed, reading, refuse_deadly, seal, shown
 from rotorfit.base.names import unknown_name
 from rotorfit.base.units import find_unit, units_of
-from rotorfit.lab.data.experiments import Experiment
-from rotorfit.lab.io.columns import as_stored, build, column_types, shown_words
+from rotorfit.lab.data.rows import Experiment
+from rotorfit.lab.io.columns import build, column_types, shown_words
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -42,7 +42,7 @@ def write_netcdf(experiment: Experiment, path: str | Path) -> None:
     """
     import xarray as xr
 
-    experiment = as_stored(experiment)
+    experiment = experiment.stored_rows()
     variables: dict[str, Any] = {}
     for name, kind in column_types(type(experiment)).items():
         values = getattr(experiment, name)

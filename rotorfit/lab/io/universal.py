@@ -24,8 +24,9 @@ from numpy.typing import NDArray
 from rotorfit.base.array_types import Float, Index
 from rotorfit.base.file_reading import reading
 from rotorfit.base.units import RAD_S_PER_RPM
-from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.from_arrays import perturbation_test
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.several_forces import refuse_several
 from rotorfit.lab.io.universal_file import universal_records
 from rotorfit.lab.io.universal_foreign import AXES, DataType, FunctionType, read_foreign, turned

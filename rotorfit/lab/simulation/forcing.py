@@ -12,16 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from rotorfit.base.array_types import ComplexArray, Float, Index, Records, Text
 from rotorfit.base.digits import significant
 from rotorfit.base.units import RAD_S_PER_RPM, RPM_PER_RAD_S
-from rotorfit.lab.data.experiments import (
-    DisplacementTest,
-    PerturbationTest,
-    RingDownTest,
-    StaticTest,
-    none_further,
-    records,
-)
+from rotorfit.lab.data.experiments import PerturbationTest, none_further, records
 from rotorfit.lab.data.from_arrays import perturbation_test
 from rotorfit.lab.data.ring_down import ring_down_test
+from rotorfit.lab.kinds.displacement_test import DisplacementTest
+from rotorfit.lab.kinds.free_vibration import RingDownTest
+from rotorfit.lab.kinds.static_test import StaticTest
 from rotorfit.lab.simulation.integration import Steady, integrate, rest_position, steady_state
 from rotorfit.lab.simulation.rig import VirtualRig, positive, rates_rpm, some_planes
 from rotorfit.models import RotorModel

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.base.names import unknown_name
-from rotorfit.lab.data.experiments import Experiment
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.simulation import forcing
 from rotorfit.lab.simulation.rig import VirtualRig
 from rotorfit.models import RotorModel

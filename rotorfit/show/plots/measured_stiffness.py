@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 
 from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.names import unknown_name
-from rotorfit.identify.observing.circular import observe
-from rotorfit.identify.observing.measured_stiffness import IsotropicPlanes, dynamic_stiffness
 from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.observing.circular import observe
+from rotorfit.lab.observing.measured_stiffness import IsotropicPlanes, dynamic_stiffness
 from rotorfit.show.plots.dynamic_stiffness import AGAINST, abscissa_words, drive_points, places
 from rotorfit.show.plots.style import Sheet, colour_of, in_colours, legend_below, literal, on_sheet, prefix
 

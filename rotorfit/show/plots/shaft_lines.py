@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses, is_image_line
 from rotorfit.identify.fitting.result import FitResult
-from rotorfit.lab.data.experiments import LineTest
+from rotorfit.lab.kinds.line_test import LineTest
 from rotorfit.models import TurningOnSupports, eigenvalues, unstable_bands
 from rotorfit.models.motion.stability import growing_bands
 from rotorfit.models.shafts.combination_lines import line_order

@@ -19,9 +19,9 @@ from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.set_speeds import once_per_turn
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.summary import natural
-from rotorfit.identify.observing.circular import observe
-from rotorfit.identify.observing.measured_stiffness import IsotropicPlanes
 from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.observing.circular import observe
+from rotorfit.lab.observing.measured_stiffness import IsotropicPlanes
 from rotorfit.models import RotorModel
 from rotorfit.show.plots.journal import group_label, half_width
 from rotorfit.show.plots.style import PLAIN, Sheet, colour_of, literal

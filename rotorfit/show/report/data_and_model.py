@@ -6,7 +6,7 @@ import numpy as np
 
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.fitting.structure.refine import structure_name
-from rotorfit.lab.data.experiments import Experiment
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.models import Constant, Law
 from rotorfit.models.motion.equation_text import stiffness_entries, to_mathml
 from rotorfit.show.report.html import Html, element, paragraph, table

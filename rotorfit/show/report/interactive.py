@@ -14,7 +14,8 @@ from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.identify.fitting.result import FitResult
-from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.io.tables.kinds import columns_of
 from rotorfit.show.report.html import Html, element
 from rotorfit.show.report.parts import note, section

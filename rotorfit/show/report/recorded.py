@@ -9,7 +9,7 @@ import numpy as np
 
 from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.lab.data.experiments import LineTest
+from rotorfit.lab.kinds.line_test import LineTest
 from rotorfit.show.report.figures import embedded
 from rotorfit.show.report.html import Html, bullets, element, paragraph, table
 from rotorfit.show.report.material import ReportInput

@@ -17,7 +17,11 @@ from rotorfit.identify.fitting.causes.calibration import Calibration
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import FitOptions, FitSettings
 from rotorfit.identify.options.table import SHAFT, command_words
-from rotorfit.lab.data.experiments import Experiment, LineTest, PerturbationTest, RingDownTest, StaticTest
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.rows import Experiment
+from rotorfit.lab.kinds.free_vibration import RingDownTest
+from rotorfit.lab.kinds.line_test import LineTest
+from rotorfit.lab.kinds.static_test import StaticTest
 from rotorfit.lab.recordings.formats.files import ALWAYS_RAW
 from rotorfit.models import LAWS, MODELS, KnownStructure, Law, Orthotropic, RotorModel
 from rotorfit.show.report.html import Html, element, paragraph

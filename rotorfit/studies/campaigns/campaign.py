@@ -27,8 +27,8 @@ from rotorfit.identify.fitting.quantities import FittedParameter
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import FitSettings
 from rotorfit.identify.fitting.summary import natural
-from rotorfit.lab.data.experiments import Experiment
 from rotorfit.lab.data.findings import listed
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.io.tables.result_tables import rows_csv
 from rotorfit.models import RotorModel
 from rotorfit.studies.campaigns.partitions import Reader, is_lazy, lazy_runs

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from rotorfit.base.executors import carry_out
 from rotorfit.identify.diagnosis.check import read
-from rotorfit.lab.data.experiments import Experiment
 from rotorfit.lab.data.findings import DataWarning, level_of_caller
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.studies.campaigns.runs import Run, distinct, packed, runs_of
 
 Reader = Callable[[], Experiment]

@@ -31,7 +31,7 @@ from rotorfit.identify.fitting.problem_setup import as_tuple
 from rotorfit.identify.fitting.quantities import FittedParameter, Quantity, Source
 from rotorfit.identify.fitting.settings import FitSettings
 from rotorfit.lab.data.content import content_hash
-from rotorfit.lab.data.experiments import Experiment
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.models import RotorModel
 
 if TYPE_CHECKING:

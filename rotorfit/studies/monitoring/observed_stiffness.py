@@ -18,10 +18,10 @@ from rotorfit.base.digits import significant
 from rotorfit.base.text_table import Printed, Wide, text_table
 from rotorfit.base.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 from rotorfit.estimators.inference.covariance import widening
-from rotorfit.identify.observing.circular import observe
-from rotorfit.identify.observing.measured_stiffness import IsotropicPlanes
 from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.several_forces import refuse_several
+from rotorfit.lab.observing.circular import observe
+from rotorfit.lab.observing.measured_stiffness import IsotropicPlanes
 from rotorfit.models.parameters import MATRIX_UNITS
 
 

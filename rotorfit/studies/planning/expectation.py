@@ -26,7 +26,7 @@ from rotorfit.identify.fitting.causes.solution import SolvedCauses, not_found_ye
 from rotorfit.identify.fitting.noise.noise_fit import channels_of, lines_in
 from rotorfit.identify.fitting.problem_setup import build_problem
 from rotorfit.identify.fitting.settings import FitSettings
-from rotorfit.lab.data.experiments import DisplacementTest, Experiment, PerturbationTest, RingDownTest, StaticTest
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.weights import dwells
 from rotorfit.models import RotorModel, threshold_speed
 from rotorfit.models.motion.stability import decay_rate
@@ -178,24 +178,13 @@ def _of_motion(problem: Problem) -> Float:
 
 
 def _unread(test: Experiment, sigma: Float) -> Experiment:
-    """A test without its readings, but those that say where a journal rests and which mode an impulse excites."""
-    placeholder = 1e-9  # reading, m or N, in place of those of a test that was not made: inside any clearance
-    match test:
-        case PerturbationTest():
-            if test.synchronous and dwells(test):
-                raise ValueError(
-                    f"{test.source or 'the test'}: weights at dwell speeds are solved for influences, whose errors "
-                    "come from repeats; plan start-ups, or responses at other frequencies than 1x"
-                )
-            return replace(test, response=np.full(len(test), placeholder + 0j), sigma=sigma)
-        case StaticTest():
-            return replace(test, displacement=np.full(len(test), placeholder + 0j), sigma=sigma)
-        case DisplacementTest():
-            unread = np.full(len(test), placeholder + 0j)
-            return replace(test, force_x=unread, force_y=np.where(test.frequency < 0, 1j, -1j) * unread, sigma=sigma)
-        case RingDownTest():
-            return test
-    return replace(test, sigma=sigma)
+    """A planned test, refused where it would be solved for influences."""
+    if test.synchronous and dwells(test):
+        raise ValueError(
+            f"{test.source or 'the test'}: weights at dwell speeds are solved for influences, whose errors "
+            "come from repeats; plan start-ups, or responses at other frequencies than 1x"
+        )
+    return test.unread(sigma)
 
 
 def _from_rest(block: Block) -> Block:

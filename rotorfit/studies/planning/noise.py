@@ -18,7 +18,11 @@ from rotorfit.identify.fitting.noise.noise_fit import effects_of_runs
 from rotorfit.identify.fitting.noise.record import RUN_KINDS, FoundNoise, NoiseVerdict, RunEffect
 from rotorfit.identify.fitting.problem_setup import build_problem
 from rotorfit.identify.fitting.result import FitResult
-from rotorfit.lab.data.experiments import DisplacementTest, Experiment, PerturbationTest, RingDownTest, StaticTest
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.rows import Experiment
+from rotorfit.lab.kinds.displacement_test import DisplacementTest
+from rotorfit.lab.kinds.free_vibration import RingDownTest
+from rotorfit.lab.kinds.static_test import StaticTest
 
 _RUN_SHARES = {kind.removeprefix("run_"): kind for kind in RUN_KINDS}
 

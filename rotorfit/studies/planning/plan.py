@@ -19,7 +19,7 @@ from rotorfit.identify.fitting.problem_setup import as_tuple
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import FitSettings, PhaseOffsets
 from rotorfit.identify.uncertainty.posterior import Posterior
-from rotorfit.lab.data.experiments import Experiment
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.models import RotorModel
 from rotorfit.models.motion.stability import stability_band
 from rotorfit.studies.planning.design import Design

@@ -13,8 +13,9 @@ from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.fitting.causes.table import size_of
-from rotorfit.identify.observing.circular import first_rows
-from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.rows import Experiment
+from rotorfit.lab.observing.circular import first_rows
 from rotorfit.models.motion.stability import decay_rate
 from rotorfit.studies.planning.design import Design, candidate_test, line_times, too_fast
 from rotorfit.studies.planning.record import ExpectedError, Plan, duration

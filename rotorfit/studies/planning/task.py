@@ -20,8 +20,9 @@ from rotorfit.identify.diagnosis.orbits import SYNCHRONOUS_DISTANCE
 from rotorfit.identify.fitting.causes.solution import SolvedCauses
 from rotorfit.identify.fitting.quantities import ErrorBar
 from rotorfit.identify.fitting.settings import FitSettings
-from rotorfit.identify.observing.circular import first_rows
-from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.rows import Experiment
+from rotorfit.lab.observing.circular import first_rows
 from rotorfit.models import RotorModel
 from rotorfit.studies.planning.design import Design, candidate_test, line_times
 from rotorfit.studies.planning.expectation import Expectation, expect

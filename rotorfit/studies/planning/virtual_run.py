@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from rotorfit.base.array_types import ComplexArray, Float, Index
-from rotorfit.identify.observing.circular import first_rows
 from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.observing.circular import first_rows
 from rotorfit.lab.simulation.forcing import probes
 from rotorfit.lab.simulation.integration import Motion, steady_state
 from rotorfit.lab.simulation.rig import VirtualRig

@@ -18,8 +18,8 @@ from rotorfit.identify.fitting.fit import fit, solve_again
 from rotorfit.identify.fitting.problem_setup import as_tuple, build_problem
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import FitKeywords, check_keywords
-from rotorfit.identify.observing.observations import observe_any
-from rotorfit.lab.data.experiments import CoefficientTable, Experiment
+from rotorfit.lab.data.rows import Experiment
+from rotorfit.lab.kinds.coefficient_table import CoefficientTable
 from rotorfit.models import Constant, EvenPolynomial, Law, MonotoneSpline, Muszynska, OneMode, RotorModel
 from rotorfit.models.parameters import bare_name
 
@@ -242,7 +242,7 @@ def _try(
 def _default_laws(model: RotorModel, experiments: tuple[Experiment, ...]) -> tuple[Law, ...]:
     """Common laws; the spline's knots lie where the data are."""
     laws: tuple[Law, ...] = (Constant(), Muszynska(), EvenPolynomial(1), EvenPolynomial(2))
-    blocks = [observe_any(model, e, np.zeros(len(e), dtype=np.intp)) for e in experiments]
+    blocks = [e.observe(model, np.zeros(len(e), dtype=np.intp)) for e in experiments]
     measured = [np.asarray(getattr(block, "eccentricity", np.zeros(0)), dtype=float) for block in blocks]
     eps = np.concatenate(measured)
     reach = float(np.nanmax(eps, initial=0.0))

@@ -16,18 +16,15 @@ from numpy.typing import NDArray
 
 from rotorfit.base.array_types import Bool
 from rotorfit.base.units import RPM_PER_RAD_S, UNITS
-from rotorfit.lab.data.experiments import (
-    CoefficientTable,
-    DisplacementTest,
-    Experiment,
-    ImpulseTest,
-    LineTest,
-    PerturbationTest,
-    RingDownTest,
-    StaticTest,
-)
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.synchronous import group_speeds
 from rotorfit.lab.io.tables.table import Columns, Wanted, columns_for, phase_or_angle, quantity, words
+from rotorfit.lab.kinds.coefficient_table import CoefficientTable
+from rotorfit.lab.kinds.displacement_test import DisplacementTest
+from rotorfit.lab.kinds.free_vibration import ImpulseTest, RingDownTest
+from rotorfit.lab.kinds.line_test import LineTest
+from rotorfit.lab.kinds.static_test import StaticTest
 
 if TYPE_CHECKING:
     from rotorfit.lab.io.tables.table import Table

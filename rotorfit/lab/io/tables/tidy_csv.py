@@ -32,14 +32,13 @@ from rotorfit.lab.data.experiments import (
     FORCE_DIRECTIONS,
     FORCE_SIGMA,
     MEASURED,
-    DisplacementTest,
-    Experiment,
     PerturbationTest,
     plane_groups,
 )
 from rotorfit.lab.data.findings import Finding, report
 from rotorfit.lab.data.joined import check_planes_spelt
-from rotorfit.lab.data.several_forces import gathered, written_per_force
+from rotorfit.lab.data.rows import Experiment
+from rotorfit.lab.data.several_forces import gathered
 from rotorfit.lab.io.tables.cells import as_text
 from rotorfit.lab.io.tables.headers import (
     is_text,
@@ -76,6 +75,7 @@ from rotorfit.lab.io.tables.table import (
     read_table,
     words,
 )
+from rotorfit.lab.kinds.displacement_test import DisplacementTest
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -283,8 +283,7 @@ def _cell(value: Any) -> str:
 
 def written_columns(experiment: Experiment) -> dict[str, NDArray[Any]]:
     """Columns of a tidy CSV by name, in rpm, um (urad for slopes), N and degrees, attributes last."""
-    if isinstance(experiment, PerturbationTest):
-        experiment = written_per_force(experiment)
+    experiment = experiment.stored_rows()
     columns = columns_of(experiment)
     own = (FORCE_SIGMA, "coherence")  # columns that are kept as attributes
     meant = {name for name in experiment.attributes if name not in own and quantity_meant(name)}

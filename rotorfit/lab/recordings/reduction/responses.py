@@ -19,8 +19,9 @@ import numpy as np
 
 from rotorfit.base.executors import carry_out, executor_of
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.findings import PHASE_DATUM, DataWarning, Finding, level_of_caller, listed
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.synchronous import join
 from rotorfit.lab.data.weights import differenced
 from rotorfit.lab.recordings.quality import copied_recordings, probe_findings, spoiled

@@ -13,9 +13,9 @@ from rotorfit.base.array_types import Bool, ComplexArray, Float
 from rotorfit.base.digits import significant
 from rotorfit.base.executors import carry_out, executor_of
 from rotorfit.base.names import unknown_name
-from rotorfit.lab.data.experiments import RingDownTest
 from rotorfit.lab.data.findings import Finding, listed
 from rotorfit.lab.data.ring_down import ring_down_test
+from rotorfit.lab.kinds.free_vibration import RingDownTest
 from rotorfit.lab.recordings.recording import Recording, named_apart
 from rotorfit.lab.recordings.reduction.reduced_record import HIGHEST_ORDER, ReducedRate, ReducedRecord, motion_at
 from rotorfit.lab.recordings.reduction.static_positions import rest_positions

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.estimators.signals.local_response import SMOOTH_DEGREE, RecordSpectra, local_response
 from rotorfit.estimators.signals.start_up_lines import StartUp, start_up_lines
-from rotorfit.lab.data.experiments import LineTest
+from rotorfit.lab.kinds.line_test import LineTest
 from rotorfit.lab.recordings.recording import Recording, named_apart
 from rotorfit.lab.recordings.reduction.reduced_record import reduce_record
 from rotorfit.lab.recordings.reduction.response_lines import time_at

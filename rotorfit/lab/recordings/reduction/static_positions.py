@@ -15,8 +15,8 @@ from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.digits import significant
 from rotorfit.base.executors import carry_out, executor_of
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.lab.data.experiments import StaticTest
 from rotorfit.lab.data.findings import Finding
+from rotorfit.lab.kinds.static_test import StaticTest
 from rotorfit.lab.recordings.angle_track import AngleTrack
 from rotorfit.lab.recordings.recording import Recording, named_apart
 from rotorfit.lab.recordings.reduction.reduced_record import HIGHEST_ORDER, ReducedRate

@@ -1,4 +1,4 @@
-"""From any experiment to observations in a model's coordinates, fluids that change with eccentricity included."""
+"""From responses to forces to observations in a model's coordinates, by what the model is."""
 
 from __future__ import annotations
 
@@ -12,51 +12,18 @@ from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.row_keys import distinguished, words
+from rotorfit.estimators.blocks.shaft_lines import LineResponses
 from rotorfit.estimators.blocks.small_motion import OffCentreResponses
-from rotorfit.identify.observing.circular import first_rows, observe
-from rotorfit.identify.observing.rows import check_clearance, check_finite
-from rotorfit.identify.observing.shaft_lines import lines_of_test, main_lines
-from rotorfit.identify.observing.static_and_free import free_vibrations, journal_coefficients, static_loads
-from rotorfit.lab.data.experiments import (
-    CoefficientTable,
-    DisplacementTest,
-    Experiment,
-    ImpulseTest,
-    LineTest,
-    PerturbationTest,
-    RingDownTest,
-    StaticTest,
-)
+from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.weights import Influences
+from rotorfit.lab.observing.circular import first_rows, observe
+from rotorfit.lab.observing.rows import check_clearance, check_finite
 from rotorfit.models import AnisotropicShaft, RotorModel, Turning
 from rotorfit.models.motion.journal import journal
 
 
-def observe_any(model: RotorModel, experiment: Experiment, group: Index) -> Block:
-    """Observations of an experiment in the model's coordinates, with their noise."""
-    block: Block
-    match experiment:
-        case StaticTest():
-            block = static_loads(model, experiment, group)
-        case ImpulseTest():
-            block = free_vibrations(model, experiment, group)
-        case RingDownTest():
-            from rotorfit.lab.data.ring_down import ring_down_modes
-
-            _, first = np.unique(experiment.run, return_index=True)
-            block = free_vibrations(model, ring_down_modes(experiment), group[np.sort(first)])
-        case CoefficientTable():
-            block = journal_coefficients(model, experiment, group)
-        case LineTest():
-            block = lines_of_test(model, experiment, group)
-        case DisplacementTest():
-            block = _imposed(model, observe(model, experiment, group))
-        case _:
-            block = _forced(model, experiment, group)
-    return block
-
-
-def _forced(model: RotorModel, test: PerturbationTest, group: Index) -> Block:
+def forced_responses(model: RotorModel, test: PerturbationTest, group: Index) -> Block:
+    """Observations of responses to forces in the model's coordinates, with their noise."""
     if isinstance(model, AnisotropicShaft):
         return main_lines(model, observe(model, test, group))
     if isinstance(model, Turning):
@@ -94,20 +61,6 @@ def _orbits(model: RotorModel, base: Responses) -> OrbitResponses:
     level = min(size, constant, key=lambda values: np.unique(values).size)
     _, sweep = distinguished(run, base.set_speed, sense, plane, level)
     return OrbitResponses(base, eps, "nearest" if np.isfinite(eps).all() else "followed", sweep)
-
-
-def _imposed(model: RotorModel, base: Responses) -> Block:
-    if not model.eccentricity_dependent:
-        return base
-    seat = journal(model)
-    if (base.coordinate != seat.at).any():
-        raise ValueError(
-            f"{model.name} changes with the eccentricity at {model.coordinates[seat.at].plane}; a circular orbit has "
-            f"to be imposed there, or the eccentricity is not known"
-        )
-    eps = np.abs(base.force[:, seat.at]) / seat.clearance
-    check_clearance(eps, model, "imposed orbits")
-    return OrbitResponses(base, eps, "given", np.arange(eps.size, dtype=np.intp))
 
 
 def off_centre_responses(
@@ -201,3 +154,28 @@ def _combination(base: Responses, influences: Influences) -> ComplexArray:
             direction, number = next(iter(there.items()))
             combine[reading, number] = 1j if direction == "y" else 1.0
     return combine
+
+
+def main_lines(model: AnisotropicShaft, base: Responses) -> LineResponses:
+    """Responses to circular forces as lines at w, the image at 2 Om - w not having been measured."""
+    line = base.line
+    synchronous = np.abs(base.frequency - base.speed) <= 1e-4 * np.abs(base.speed)
+    if synchronous.any():
+        raise ValueError(
+            f"{model.name}: at w = Om a line and its image 2 Om - w are one; give synchronous responses as line 1x of "
+            "a LineTest, or leave them out"
+        )
+    return LineResponses(
+        model=model,
+        speed=base.speed[line],
+        frequency=base.frequency[line],
+        force=base.force[line, 0],
+        direction=np.full(line.size, "z"),
+        line=np.full(line.size, "w"),
+        reading_group=base.reading_group,
+        measured=base.measured,
+        sigma=base.sigma,
+        label=base.label,
+        labels=base.labels,
+        run=base.run,
+    )

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.base.array_types import Float
+from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.base.digits import significant
 from rotorfit.estimators.blocks.row_keys import words
-from rotorfit.lab.data.experiments import Experiment
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.models import RotorModel
 
 LARGEST_MEASURED_ECCENTRICITY = 1.0 - 1e-6
@@ -56,3 +56,13 @@ def check_planes(
             f"{test.source or test.title} has planes {', '.join(planes)} and {forces} {', '.join(forced)}, the model "
             f"{model.name} has {', '.join(model.read_planes)}. Map names (planes=, --planes){fewer}"
         )
+
+
+def spread_of_repeats(values: ComplexArray, same: Index) -> float | None:
+    """Standard deviation of each part from values measured several times, None where none was."""
+    free, total = 0, 0.0
+    for key in np.unique(same):
+        part = values[same == key]
+        free += part.size - 1
+        total += float(np.sum(np.abs(part - part.mean()) ** 2))
+    return float(np.sqrt(total / (2 * free))) if free and total > 0 else None

@@ -9,23 +9,19 @@ from numpy.typing import NDArray
 
 from rotorfit.base.array_types import COLLINEAR, RANK_TOLERANCE, Bool, ComplexArray, Float, Index
 from rotorfit.estimators.blocks.observations import Responses
-from rotorfit.estimators.blocks.row_keys import combined, distinguished, in_order, numbers, rows_by, words
+from rotorfit.estimators.blocks.row_keys import combined, distinguished, in_order, numbers, rows_by
 from rotorfit.estimators.noise.sweep_noise import estimate_noise
-from rotorfit.identify.observing.rows import check_planes, of_rows
-from rotorfit.lab.data.experiments import DisplacementTest, Experiment, PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.linear_force import directional, directional_noise, whirl_parts
 from rotorfit.lab.data.lines import Lines
+from rotorfit.lab.observing.rows import check_planes
 from rotorfit.models import Modal, RotorModel
 
 
-def observe(model: RotorModel, experiment: Experiment, group: Index) -> Responses:
-    """Observations of an experiment in the model's coordinates, with their noise. Isotropic models see the component of
+def observe(model: RotorModel, experiment: PerturbationTest, group: Index) -> Responses:
+    """Responses to forces in the model's coordinates, with their noise. Isotropic models see the component of
     each x/y pair in the direction of the force, and take a single probe's reading for that of a circular orbit. Under a
     force along an axis they see both components of each x/y pair, at +w and -w."""
-    if not isinstance(experiment, DisplacementTest | PerturbationTest):
-        raise TypeError(f"{type(experiment).__name__} has no responses")
-    if isinstance(experiment, DisplacementTest):
-        return _observe_displacement(model, experiment, group)
     _check_finite(experiment)
     names = experiment.lines.names
     check_planes(model, experiment, names["plane"], experiment.force_planes, forces="force planes")
@@ -63,12 +59,14 @@ def _check_finite(experiment: PerturbationTest) -> None:
     bad = ~np.logical_and.reduce([np.isfinite(column) for column in columns])
     if bad.any():
         raise ValueError(
-            f"{name}: {bad.sum()} readings are not finite ({_places(bad)}); remove them, for instance with "
+            f"{name}: {bad.sum()} readings are not finite ({rows_in_words(bad)}); remove them, for instance with "
             "test.select(...)"
         )
     bad = (experiment.sigma <= 0) | np.isinf(experiment.sigma)
     if bad.any():
-        raise ValueError(f"{name}: the noise sigma must be positive and finite, or NaN if unknown ({_places(bad)})")
+        raise ValueError(
+            f"{name}: the noise sigma must be positive and finite, or NaN if unknown ({rows_in_words(bad)})"
+        )
     if not experiment.force.any():
         raise ValueError(
             f"{name}: every force is zero, so the responses say nothing of the rotor; check its column, or put "
@@ -96,7 +94,7 @@ def _check_finite(experiment: PerturbationTest) -> None:
             )
 
 
-def _places(bad: NDArray[np.bool_]) -> str:
+def rows_in_words(bad: NDArray[np.bool_]) -> str:
     """The first rows concerned, counted from 1."""
     rows = ", ".join(str(row + 1) for row in np.flatnonzero(bad)[:8])
     return f"rows {rows}{', ...' if bad.sum() > 8 else ''}"
@@ -168,10 +166,10 @@ def _assembled(model: RotorModel, test: PerturbationTest, group: Index) -> Respo
         force_noise=_force_noise(model, test, first),
         derivative=derivative if derivative.any() else None,
     )
-    return block if block.sigma_given else _with_noise(block, wrong, test.synchronous, _conditions(test)[row])
+    return block if block.sigma_given else with_noise(block, wrong, test.synchronous, _conditions(test)[row])
 
 
-def _with_noise(block: Responses, wrong: ComplexArray, synchronous: bool, condition: Index | None = None) -> Responses:
+def with_noise(block: Responses, wrong: ComplexArray, synchronous: bool, condition: Index | None = None) -> Responses:
     """The block with its noise estimated where none was given, by each sensor's own quantity: there it is even."""
     seen = replace(block, measured=block.measured * block.rate)
     estimated = estimate_noise(seen, wrong * block.rate, synchronous, condition) / block.rate
@@ -238,44 +236,3 @@ def _conditions(test: PerturbationTest) -> Index:
         if distinguished(run, number)[0].size == int(run.max()) + 1:
             codes.append(number)
     return in_order(combined(*codes))[1]
-
-
-def _observe_displacement(model: RotorModel, test: DisplacementTest, group: Index) -> Responses:
-    if model.frame != "z":
-        raise ValueError(f"{model.name} keeps x and y apart; an imposed circular orbit needs an isotropic model")
-    if set(test.planes) - set(model.planes):
-        raise ValueError(
-            f"{test.source or 'experiment'} has planes {', '.join(test.planes)}, the model {model.name} has "
-            f"{', '.join(model.planes)}. Map names (planes=, --planes)"
-        )
-    count = len(test)
-    planes, plane = words(test.plane)
-    coordinate = np.array([model.coordinate(name, "z") for name in planes], dtype=np.intp)[plane]
-    values = np.concatenate([test.force_x, test.force_y])
-    rows = np.vstack([np.where(np.isnan(values), -1, np.arange(2 * count)).reshape(2, count), np.full(count, -1)]).T
-    right, wrong = directional(values, rows, test.frequency < 0)
-    sigma = directional_noise(np.tile(test.sigma, 2), rows)
-    where = test.source or "experiment"
-    if not np.isfinite(right).all():
-        raise ValueError(f"{where}: forces are not all finite")
-    if not test.displacement.all():
-        raise ValueError(
-            f"{where}: the imposed orbit is zero ({_places(test.displacement == 0)}); these readings have no dynamic "
-            "stiffness, remove them"
-        )
-    imposed = np.zeros((count, len(model.coordinates)), dtype=complex)
-    imposed[np.arange(count), coordinate] = np.where(test.frequency < 0, test.displacement.conj(), test.displacement)
-    pairs = zip(test.run.tolist(), test.plane.tolist(), strict=True)
-    block = Responses(
-        **of_rows(model, test, (f"{run} / force at {plane}" for run, plane in pairs)),
-        frequency=test.frequency,
-        force=imposed,
-        group=group,
-        line=np.arange(count),
-        coordinate=coordinate,
-        measured=right,
-        sigma=sigma,
-        imposed=True,
-        sigma_given=not np.isnan(sigma).any(),
-    )
-    return block if block.sigma_given else _with_noise(block, wrong, False)

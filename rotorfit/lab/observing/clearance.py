@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from rotorfit.base.digits import significant
 from rotorfit.estimators.blocks.row_keys import distinguished, rows_by
 from rotorfit.estimators.noise.sweep_noise import FEWEST_LINES
-from rotorfit.identify.observing.rows import LARGEST_MEASURED_ECCENTRICITY
-from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.rows import Experiment
+from rotorfit.lab.observing.rows import LARGEST_MEASURED_ECCENTRICITY
 from rotorfit.models import RotorModel
 from rotorfit.models.motion.journal import journal
 

@@ -1,21 +1,77 @@
-"""From line tests, and perturbation tests of a shaft that is not round, to observations."""
+"""Tests of spectral lines: of a rotor whose stiffness turns with it, and of its twist."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
 import numpy as np
 
-from rotorfit.base.array_types import Index
-from rotorfit.estimators.blocks.observations import Responses
-from rotorfit.estimators.blocks.row_keys import distinguished
+from rotorfit.base.array_types import ComplexArray, Float, Index, Text
+from rotorfit.estimators.blocks.observations import Block, Responses
+from rotorfit.estimators.blocks.row_keys import distinguished, words
 from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses, is_image_line
-from rotorfit.identify.observing.rows import check_finite, of_rows
-from rotorfit.lab.data.experiments import LineTest
+from rotorfit.lab.data.rows import Experiment
+from rotorfit.lab.observing.rows import check_finite, of_rows
 from rotorfit.models import AnisotropicShaft, RotorModel, Turning, TurningOnSupports
 from rotorfit.models.shafts.combination_lines import line_order
 
 
-def lines_of_test(model: RotorModel, test: LineTest, group: Index) -> LineResponses | PairResponses:
-    """Observations of a line test."""
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class LineTest(Experiment):
+    """Spectral lines of a rotor whose stiffness turns with it, and of its twist: one row is one line of one signal.
+
+    A force at w makes motion at w, at its image 2 Om - w, and twist at w - Om, w - 2 Om, ...; lines without a force
+    (1x, 2x) stand in rows with force zero.
+
+    Attributes:
+        run: name of the run, shape ``(R,)`` like all that follow.
+        speed: rotative speed Om, rad/s.
+        frequency: perturbation frequency w, rad/s, signed; zero where there is no force.
+        force_plane: plane of the force.
+        force: ``F exp(j delta)`` of eq. (2), N.
+        plane: plane of the reading.
+        direction: ``z`` (lateral, x + jy) or ``twist``.
+        line: name of the line: ``w``, ``2Om-w``, ``1x``, ``2x``, ... or of the twist ``w-Om``, ``w-2Om``, ``2w-2Om``.
+        response: complex amplitude relative to ``exp(j nu t)``, nu the line's signed frequency, m or rad; of the twist
+            ``phi = Re(response exp(j nu t))``.
+        sigma: standard deviation of its real and of its imaginary part, NaN if unknown.
+        attributes, source: see :class:`PerturbationTest`.
+    """
+
+    title: ClassVar[str] = "line test"
+    START_UP: ClassVar[int] = 5  # speeds of a line without force from which it was read over a start-up
+
+    frequency: Float
+    force_plane: Text
+    force: ComplexArray
+    plane: Text
+    direction: Text
+    line: Text
+    response: ComplexArray
+    sigma: Float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        unknown = sorted(set(self.direction.tolist()) - {"z", "twist"})
+        if unknown:
+            raise ValueError(f"{self.source or 'the test'}: direction {unknown} unknown; allowed: z, twist")
+
+    @property
+    def force_planes(self) -> tuple[str, ...]:
+        """Planes of the force in order of appearance."""
+        return tuple(words(self.force_plane)[0])
+
+    def observe(self, model: RotorModel, group: Index) -> Block:
+        """See any experiment."""
+        return _observed(self, model, group)
+
+    def unread(self, sigma: Float) -> Experiment:
+        """See any experiment."""
+        return replace(self, sigma=sigma)
+
+
+def _observed(test: LineTest, model: RotorModel, group: Index) -> LineResponses | PairResponses:
     where = test.source or test.title
     if not isinstance(model, AnisotropicShaft | Turning):
         raise ValueError(
@@ -92,28 +148,3 @@ def _pairs(model: Turning, test: LineTest, group: Index, label: Index, labels: t
     )
     columns = {"speed": rows.speed, "frequency": rows.frequency, "force": force[order]}
     return PairResponses(base=base, **columns, direction=rows.direction, line=rows.line)
-
-
-def main_lines(model: AnisotropicShaft, base: Responses) -> LineResponses:
-    """Responses to circular forces as lines at w, the image at 2 Om - w not having been measured."""
-    line = base.line
-    synchronous = np.abs(base.frequency - base.speed) <= 1e-4 * np.abs(base.speed)
-    if synchronous.any():
-        raise ValueError(
-            f"{model.name}: at w = Om a line and its image 2 Om - w are one; give synchronous responses as line 1x of "
-            "a LineTest, or leave them out"
-        )
-    return LineResponses(
-        model=model,
-        speed=base.speed[line],
-        frequency=base.frequency[line],
-        force=base.force[line, 0],
-        direction=np.full(line.size, "z"),
-        line=np.full(line.size, "w"),
-        reading_group=base.reading_group,
-        measured=base.measured,
-        sigma=base.sigma,
-        label=base.label,
-        labels=base.labels,
-        run=base.run,
-    )

@@ -23,9 +23,10 @@ from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
-from rotorfit.identify.observing.circular import observe
-from rotorfit.lab.data.experiments import Experiment, PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.synchronous import SAME_RATE
+from rotorfit.lab.observing.circular import observe
 from rotorfit.models import RotorModel
 
 MOST_CORRELATED = 4000

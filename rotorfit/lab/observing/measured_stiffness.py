@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rotorfit.estimators.starting.force_balance import StiffnessMatrices, stiffness_matrices
-from rotorfit.identify.observing.circular import observe
 from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.several_forces import refuse_several
+from rotorfit.lab.observing.circular import observe
 from rotorfit.models import Anisotropic, RotorModel
 from rotorfit.models.model import Coordinate
 

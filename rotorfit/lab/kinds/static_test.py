@@ -1,0 +1,141 @@
+"""Tests under constant loads: positions of a journal, without a turning force."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from rotorfit.base.array_types import ComplexArray, Float, Index, Text
+from rotorfit.estimators.blocks.nonlinear import OrbitResponses
+from rotorfit.estimators.blocks.observations import Block, Responses
+from rotorfit.estimators.blocks.row_keys import distinguished
+from rotorfit.estimators.noise.sweep_noise import noise_from_smoothness
+from rotorfit.lab.data.rows import PLACEHOLDER, Experiment
+from rotorfit.lab.observing.rows import check_clearance, check_finite, check_planes, of_rows, spread_of_repeats
+from rotorfit.models import RotorModel
+from rotorfit.models.motion.journal import journal
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class StaticTest(Experiment):
+    """Displacements of a turning rotor under constant loads, one row a load (Figs 26 to 28).
+
+    Attributes:
+        run: name of the run, shape ``(R,)`` like all that follow.
+        speed: rotative speed, rad/s.
+        load_plane: plane of the load.
+        load: ``Px + j Py = P exp(j g)``, N.
+        plane: plane of the probes.
+        displacement: displacement from the centre of the bearing or seal, ``x + j y``, m.
+        sigma: standard deviation of x and of y, m, NaN if unknown.
+        attributes, source: see :class:`PerturbationTest`.
+    """
+
+    title: ClassVar[str] = "static-load test"
+
+    load_plane: Text
+    load: ComplexArray
+    plane: Text
+    displacement: ComplexArray
+    sigma: Float
+
+    @property
+    def motion(self) -> ComplexArray:
+        """The displacements."""
+        return self.displacement
+
+    @property
+    def same_place(self) -> Index:
+        """Number of the run, speed and load of each row, shape ``(R,)``."""
+        return distinguished(self.run, self.speed, self.load_plane, self.load)[1]
+
+    @property
+    def sizes(self) -> tuple[tuple[str, Float, str], ...]:
+        """Loads and positions."""
+        return ("load", np.abs(self.load), "N"), ("position", np.abs(self.displacement) * 1e6, "um")
+
+    def excursion(self, plane: str, clearance: float) -> Float:
+        """See any experiment."""
+        return np.where(self.plane == plane, np.abs(self.displacement), np.nan)
+
+    @property
+    def force_planes(self) -> tuple[str, ...]:
+        """Planes of the load in order of appearance."""
+        return tuple(dict.fromkeys(self.load_plane.tolist()))
+
+    def observe(self, model: RotorModel, group: Index) -> Block:
+        """See any experiment."""
+        return _observed(self, model, group)
+
+    def unread(self, sigma: Float) -> Experiment:
+        """See any experiment."""
+        return replace(self, displacement=np.full(len(self), PLACEHOLDER), sigma=sigma)
+
+
+def _observed(test: StaticTest, model: RotorModel, group: Index) -> Block:
+    check_finite(test, test.load, test.displacement)
+    check_planes(model, test, test.planes, test.force_planes, forces="load planes")
+    if model.frame != "z":
+        raise ValueError(f"{model.name} keeps x and y apart; static loads need a model in complex coordinates")
+    idle = np.flatnonzero(test.load == 0)
+    if idle.size:
+        raise ValueError(
+            f"{test.source or test.title}: the load is zero in {idle.size} rows ({', '.join(map(str, idle[:8] + 1))}); "
+            "positions count from that without a load: subtract it from the others and remove its row"
+        )
+    count = len(test)
+    still = np.zeros(count)
+    force = np.zeros((count, len(model.coordinates)), dtype=complex)
+    for plane in test.force_planes:
+        at = test.load_plane == plane
+        force[at] = model.force_vector(plane, still[at], test.load[at])
+    coordinate = np.array([model.coordinate(plane, "z") for plane in test.plane.tolist()], dtype=np.intp)
+    pairs = zip(test.run.tolist(), test.plane.tolist(), strict=True)
+    rows = of_rows(model, test, (f"{run} / {plane} static" for run, plane in pairs))
+    block = Responses(
+        **rows,
+        frequency=still,
+        force=force,
+        group=group,
+        line=np.arange(count),
+        coordinate=coordinate,
+        measured=test.displacement,
+        sigma=_static_noise(test, rows["label"]),
+    )
+    if not model.eccentricity_dependent:
+        return block
+    eps = _eccentricity(model, test, coordinate)
+    sweep = distinguished(test.run, test.speed, test.load_plane, test.plane)[1]
+    return OrbitResponses(block, eps, "nearest" if np.isfinite(eps).all() else "followed", sweep)
+
+
+def _eccentricity(model: RotorModel, test: StaticTest, coordinate: Index) -> Float:
+    """Measured eccentricity of the journal in each row, NaN where no probe read it under that load."""
+    seat = journal(model)
+    eps = np.where(coordinate == seat.at, np.abs(test.displacement) / seat.clearance, np.nan)
+    check_clearance(eps, model, "static positions")
+    loads = distinguished(test.run, test.speed, test.load_plane, test.load)[1]
+    for load in np.unique(loads[np.isnan(eps)]):  # other planes under a load share the journal's position
+        here = loads == load
+        if np.isfinite(eps[here]).any():
+            eps[here] = np.where(np.isnan(eps[here]), np.nanmean(eps[here]), eps[here])
+    return np.asarray(eps)
+
+
+def _static_noise(test: StaticTest, label: Index) -> Float:
+    """Noise given, else from repeated loads, else from the smoothness of the locus over the load."""
+    sigma = test.sigma.copy()
+    same, curves = distinguished(label, test.speed, test.load_plane, test.load)[1], distinguished(label, test.speed)[1]
+    for curve in np.unique(curves[np.isnan(sigma)]):
+        rows = np.flatnonzero(curves == curve)
+        spread = spread_of_repeats(test.displacement[rows], same[rows])
+        if spread is None:
+            order = rows[np.argsort(np.abs(test.load[rows]), kind="stable")]
+            try:
+                spread = noise_from_smoothness(np.abs(test.load[order]), test.displacement[order])
+            except ValueError as reason:
+                raise ValueError(f"{test.source or 'static test'}, run {test.run[rows[0]]}: {reason}") from reason
+        sigma[rows] = np.where(np.isnan(sigma[rows]), spread, sigma[rows])
+    return sigma
