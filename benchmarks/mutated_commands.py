@@ -142,7 +142,7 @@ def _weights(path: Path) -> None:
 
 
 def _overhung(path: Path) -> None:
-    rf.save_fit(rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_lumped(), known={"K3": 6000.0}), path)
+    rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_lumped(), known={"K3": 6000.0}).save(path)
 
 
 FILES: dict[str, tuple[str, Format]] = {

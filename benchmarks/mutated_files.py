@@ -358,9 +358,7 @@ FORMATS = {
     "text": Format(suffix=".txt", write=_write_text, read=_recorded),
     "UFF58, ASCII": Format(suffix=".uff", write=_universal(0), read=_recorded),
     "UFF58, binary": Format(suffix=".uff", write=_universal(1), read=_recorded),
-    "fit.json": Format(
-        suffix=".json", write=lambda path: rf.save_fit(_fit(), path), read=lambda path: rf.load_fit(path).x
-    ),
+    "fit.json": Format(suffix=".json", write=lambda path: _fit().save(path), read=lambda path: rf.load_fit(path).x),
     "posterior": Format(
         suffix=".nc",
         write=lambda path: _sample(path.with_suffix(".h5")).save(path),

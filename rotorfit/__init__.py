@@ -18,7 +18,6 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.identify.fitting.fit import closed_form as closed_form
     from rotorfit.identify.fitting.fit import fit as fit
     from rotorfit.identify.fitting.fit_file import load_fit as load_fit
-    from rotorfit.identify.fitting.fit_file import save_fit as save_fit
     from rotorfit.identify.fitting.quantities import FittedParameter as FittedParameter
     from rotorfit.identify.fitting.quantities import Quantity as Quantity
     from rotorfit.identify.fitting.result import FitResult as FitResult
@@ -108,7 +107,7 @@ _NAMES = {
     "identify.diagnosis.check": "check read",
     "identify.fitting.causes.calibration": "Calibration",
     "identify.fitting.fit": "closed_form fit",
-    "identify.fitting.fit_file": "load_fit save_fit",
+    "identify.fitting.fit_file": "load_fit",
     "identify.fitting.quantities": "FittedParameter Quantity",
     "identify.fitting.result": "FitResult",
     "identify.fitting.structure.coefficients": "CoefficientRows Coefficients",

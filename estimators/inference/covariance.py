@@ -46,6 +46,13 @@ def spreading(covar: Float) -> Float:
     return np.asarray(basis * np.sqrt(np.maximum(power, 0.0)))
 
 
+def spread_along(slope: Float, covar: Float) -> Float:
+    """Changes of a result by independent numbers of unit variance, from a covariance of what it depends on."""
+    size = np.sqrt(np.maximum(np.diag(covar), 0.0))
+    size = np.where(size > 0, size, 1.0)
+    return np.asarray((slope * size) @ spreading(covar / np.outer(size, size)))
+
+
 @cache
 def _expected_loss(loss: Loss) -> float:
     """Mean robust cost of one complex reading under pure noise, |r|^2 being chi-squared with two degrees of freedom."""

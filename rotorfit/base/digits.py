@@ -8,6 +8,9 @@ from __future__ import annotations
 
 import math
 
+_ROUND_OFF = 1e-14
+"""Error over value below which there is none."""
+
 
 def with_error(value: float, error: float) -> tuple[str, str]:
     """Value and error, both to the second significant digit of the error."""
@@ -20,7 +23,7 @@ def with_errors(value: float, error: float, *shares: float) -> list[str]:
     the value; a dash for shares that are zero or infinite."""
     if not math.isfinite(value):
         return ["-"] * (1 + len(shares))
-    if not (math.isfinite(error) and error > 0):
+    if not (math.isfinite(error) and error > _ROUND_OFF * abs(value)):
         return [significant(value, 6), *(["-"] * len(shares))]
     exponent = _exponent(max(abs(value), error))
     tail, scale = (f"e{exponent}", 10.0**exponent) if exponent else ("", 1.0)
@@ -66,7 +69,7 @@ def plus_minus(value: float, error: float) -> str:
     """``value +- error``, the value alone where the error is zero, or that the data do not determine it."""
     if not (math.isfinite(value) and math.isfinite(error)):
         return "not determined"
-    if error <= 0:
+    if error <= _ROUND_OFF * abs(value):
         return with_error(value, error)[0]
     return " +- ".join(with_error(value, error))
 

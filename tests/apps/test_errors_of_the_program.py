@@ -75,7 +75,7 @@ def test_an_equation_of_the_users_own_fails_by_its_own_words(tmp_path: Path) -> 
     with pytest.raises(ZeroDivisionError) as caught:
         rf.fit(Failing(), test, known=known)
     assert not of_program(caught.value)
-    rf.save_fit(rf.fit(Own(), test, known=known), tmp_path / "fit.json")
+    rf.fit(Own(), test, known=known).save(tmp_path / "fit.json")
     with pytest.raises(ZeroDivisionError):
         rf.load_fit(tmp_path / "fit.json", model=Failing())
 

@@ -20,7 +20,7 @@ Run = Callable[..., tuple[int, str, str]]
 
 def test_every_file_that_is_written_names_both(tmp_path: Path, run: Run) -> None:
     fit = rf.fit(rf.models.OneMode(), day(0), known=STUDY["known"])
-    rf.save_fit(fit, tmp_path / "fit.json")
+    fit.save(tmp_path / "fit.json")
     assert json.loads((tmp_path / "fit.json").read_text(encoding="utf-8"))["rotorfit"] == VERSIONS
     fit.sample(seed=1, walkers=16, max_steps=40).save(tmp_path / "posterior.nc")
     with h5py.File(tmp_path / "posterior.nc") as file:

@@ -97,7 +97,7 @@ def test_a_stator_mass_stands_for_a_dry_run_of_a_free_stator(tmp_path: Path) -> 
     again = plain_fit(MODEL, read(table), known={"Mxx": STATOR_MASS, "Myy": STATOR_MASS, "Mxy": 0, "Myx": 0})
     free = plain_fit(MODEL, read(table), stator_mass_kg=STATOR_MASS, known=NO_MASS)
     assert free.params["Kxx"].value == pytest.approx(again.params["Kxx"].value, rel=1e-7)
-    rf.save_fit(fit, tmp_path / "fit.json")
+    fit.save(tmp_path / "fit.json")
     assert rf.load_fit(tmp_path / "fit.json").redchi == fit.redchi
 
 

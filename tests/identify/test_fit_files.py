@@ -173,7 +173,7 @@ def test_a_model_of_ones_own_is_given_by_the_reader(tmp_path):
     test = circular_test(Spring(), theta, speeds=(100.0,), frequency=W, noise=0.01, seed=1)
     fit = plain_fit(Spring(), test, start={"k": 8e3, "c": 30.0})
     path = tmp_path / "own.json"
-    rf.save_fit(fit, path)
+    fit.save(path)
     with refuses(ValueError):
         rf.load_fit(path)
     assert differences(fit, rf.load_fit(path, model=Spring())) == []
@@ -269,7 +269,7 @@ def test_fields_of_other_types_are_refused(rig_fit, tmp_path, record, field, val
 
 def test_a_fit_of_another_version_is_marked(rig_fit, tmp_path, caplog):
     fit = rig_fit
-    rf.save_fit(fit, tmp_path / "fit.json")
+    fit.save(tmp_path / "fit.json")
     rf.load_fit(tmp_path / "fit.json")
     assert not caplog.records
     text = (tmp_path / "fit.json").read_text(encoding="utf-8")
@@ -289,7 +289,7 @@ def test_altered_fits_are_refused_in_words_or_read(causes, tmp_path):
     fit = rf.fit(WhirlWhip(), test, known={"K3": 6000.0}, causes=causes)
     path, rng, refused = tmp_path / "fit.json", np.random.default_rng(42), []
     for _ in range(80):
-        rf.save_fit(fit, path)
+        fit.save(path)
         altered(path, rng)
         try:
             rf.load_fit(path).threshold_speed()

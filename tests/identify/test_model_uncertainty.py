@@ -55,7 +55,7 @@ def test_newton_steps_do_not_take_model_uncertainty_for_curvature(rig_refinement
 
 
 def test_a_saved_fit_keeps_it(rig_refinement, tmp_path: Path):
-    rf.save_fit(rig_refinement.best, tmp_path / "fit.json")
+    rig_refinement.best.save(tmp_path / "fit.json")
     again = rf.load_fit(tmp_path / "fit.json")
     assert np.array_equal(again.model_uncertainty, rig_refinement.best.model_uncertainty)
     assert again.threshold_speed().stderr == pytest.approx(rig_refinement.best.threshold_speed().stderr, rel=1e-9)

@@ -226,7 +226,7 @@ def test_derived_quantities_have_the_error_of_their_parameters_together() -> Non
     assert ratio.stderr == pytest.approx(np.sqrt(gradient @ fit.covar @ gradient), rel=1e-12)
     same = fit.derive(lambda p: p.lam)
     assert (same.value, same.stderr) == pytest.approx((fit.params["lam"].value, fit.params["lam"].stderr), rel=1e-12)
-    assert float(fit.threshold_speed().to("rpm")) == pytest.approx(float(fit.threshold_speed()) * 30 / np.pi)
+    assert fit.threshold_speed().to("rpm").value == pytest.approx(fit.threshold_speed().value * 30 / np.pi)
     with refuses(AttributeError):
         fit.derive(lambda p: p.K9)
     with refuses(ValueError):

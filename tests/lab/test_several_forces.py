@@ -174,7 +174,7 @@ def test_orbits_of_a_nonlinear_journal_are_those_of_both_weights_together() -> N
 def test_a_saved_fit_keeps_several_forces(tmp_path: Path) -> None:
     test = rf.difference_synchronous(start_ups(np.random.default_rng(3)))
     fit = plain_fit(rf.models.TwoDisk(), test)
-    rf.save_fit(fit, tmp_path / "fit.json")
+    fit.save(tmp_path / "fit.json")
     (again,) = rf.load_fit(tmp_path / "fit.json").experiments
     assert isinstance(again, rf.PerturbationTest)
     np.testing.assert_array_equal(again.forces_by_plane, test.forces_by_plane)

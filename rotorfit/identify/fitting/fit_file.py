@@ -71,7 +71,7 @@ def save_fit(fit: FitResult, path: str | os.PathLike[str]) -> None:
         OSError: the file cannot be written.
 
     Example:
-        >>> rf.save_fit(fit, folder / "fit.json")
+        >>> fit.save(folder / "fit.json")
     """
     text = fit_to_json(fit)
     with whole_file(Path(path)) as draft:
@@ -91,7 +91,7 @@ def load_fit(path: str | os.PathLike[str], *, model: RotorModel | None = None) -
         OSError: the file cannot be read.
 
     Example:
-        >>> rf.save_fit(fit, folder / "fit.json")
+        >>> fit.save(folder / "fit.json")
         >>> rf.load_fit(folder / "fit.json").redchi == fit.redchi
         True
     """

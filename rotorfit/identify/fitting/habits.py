@@ -28,7 +28,7 @@ _BY_SENTENCE = {
     "resid residual": "residuals over their noise are fit.problem.residuals(fit.x), complex",
     "rsquared": "the agreement of each response is fit.responses, that of all fit.redchi",
     "tvalues": "there are no t-values: intervals are fit.params[name].interval(0.95)",
-    "uvars": "parameters know their covariance, fit.params['K0'] / fit.params['D']; see fit.derive too",
+    "uvars": "parameters know their covariance, fit.params['K0'] / fit.params['D']; see to_uncertainties() of each too",
 }
 ELSEWHERE = {name: sentence for names, sentence in _BY_SENTENCE.items() for name in names.split()}
 """Sentence for each name that a result does not have."""

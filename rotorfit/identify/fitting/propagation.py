@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit.base.array_types import Float
-from rotorfit.estimators.inference.covariance import standard_error
+from rotorfit.estimators.inference.covariance import spread_along, standard_error
 from rotorfit.identify.fitting.causes.slopes import onset_slopes, value_slopes
 from rotorfit.identify.fitting.quantities import CAUSE, THRESHOLD, ErrorBar, Quantity
 
@@ -89,20 +89,41 @@ def error_bar(fit: FitResult, slopes: Mapping[str, float]) -> ErrorBar | None:
     solved = fit.settings.solved
     if solved is None:
         return None
+    slope, by_causes = _by_all(fit, slopes)
+    errors = solved.errors
+    noise = math.sqrt(max(float(slope @ (fit.covar - errors.covariance) @ slope), 0.0))
+    names = [cause.name for cause in solved.causes]
+    freedom = fit.freedom if fit.noise is None else fit.noise.degrees(slope)
+    return ErrorBar.of(errors, names, noise, errors.along(slope, by_causes), freedom)
+
+
+def independent_parts(fit: FitResult, slopes: Mapping[str, float]) -> Float:
+    """The error of a result by independent numbers of unit variance, those of the noise and those of the causes."""
+    slope, by_causes = _by_all(fit, slopes)
+    solved = fit.settings.solved
+    if solved is None:
+        return spread_along(slope, fit.covar)
+    errors = solved.errors
+    along = errors.along(slope, by_causes)
+    noise, beside = fit.covar - errors.covariance, errors.covar * errors.widened
+    return np.concatenate([spread_along(slope, noise), spread_along(along, beside)])
+
+
+def _by_all(fit: FitResult, slopes: Mapping[str, float]) -> tuple[Float, Float]:
+    """Derivatives by the fitted vector and by the sizes of causes, of derivatives by name."""
+    solved = fit.settings.solved
     slope = _by_fitted(fit, slopes)
-    by_causes = np.array([slopes.get(f"{CAUSE}{cause.name}", 0.0) for cause in solved.causes])
+    causes = solved.causes if solved else ()
+    by_causes = np.array([slopes.get(f"{CAUSE}{cause.name}", 0.0) for cause in causes])
     held = np.array([0.0 if name in fit.var_names else slopes.get(name, 0.0) for name in fit.model.parameter_names])
     if held.any():
         by_causes = by_causes + by_values_of_causes(fit, held, 0)
     if THRESHOLD in slopes and (onset := fit.onset(0)) is not None:
         times = slopes[THRESHOLD]
         slope = slope + times * fit.problem.space.pull_back(onset.gradient, 0)
-        by_causes = by_causes + times * onset_slopes(fit.model, fit.theta(), onset, solved)
-    errors = solved.errors
-    noise = math.sqrt(max(float(slope @ (fit.covar - errors.covariance) @ slope), 0.0))
-    names = [cause.name for cause in solved.causes]
-    freedom = fit.freedom if fit.noise is None else fit.noise.degrees(slope)
-    return ErrorBar.of(errors, names, noise, errors.along(slope, by_causes), freedom)
+        if solved:
+            by_causes = by_causes + times * onset_slopes(fit.model, fit.theta(), onset, solved)
+    return slope, by_causes
 
 
 def made_of(fit: FitResult, value: float, slopes: Mapping[str, float], unit: str) -> Quantity:

@@ -9,12 +9,17 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal, Protocol, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, SupportsIndex, TypeAlias, overload
+from weakref import WeakKeyDictionary
+
+import numpy as np
 
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import plus_minus
+from rotorfit.base.names import unknown_name
 from rotorfit.base.significance import quantile
-from rotorfit.base.units import si_factor
+from rotorfit.base.text_table import Printed, text_table
+from rotorfit.base.units import in_base, powers, si_of
 from rotorfit.estimators.inference.joint_errors import JointErrors, Reach
 
 Share: TypeAlias = Literal["all", "noise"]
@@ -29,7 +34,6 @@ CAUSE = "cause "
 _OF_EACH_TEST = ("drift", "clock")
 """Causes that two tests of one rig do not have in common."""
 
-_NEWTON = {"kg": 1, "m": 1, "s": -2}
 _SHOWN = ({"N": 1, "m": -1}, {"N": 1}, {"N": 1, "s": 1, "m": -1}, {"N": 1, "m": 1})
 """Units with a newton that are written as such: stiffness, force, damping, moment."""
 
@@ -92,8 +96,11 @@ class Source(Protocol):
     def error_of(self, slopes: Mapping[str, float]) -> ErrorBar | None:
         """The error of a result by its slopes, share by share; None where no causes were solved."""
 
+    def error_parts(self, slopes: Mapping[str, float]) -> Float:
+        """The error of a result by independent parts that all results share; their squares add up to its variance."""
 
-class Number:
+
+class Number(Printed):
     """Operand of sums, products and powers: a value with its unit and its derivatives by parameters of one fit.
 
     Numbers of one fit know their covariance. Those of another fit, and those that stand for themselves, are independent
@@ -110,21 +117,21 @@ class Number:
             """The number as a quantity."""
 
     def __add__(self, other: Number | float) -> Quantity:
-        return _combined(self, 1.0, other, 1.0, float(self) + float(other), _same_unit(self, other))
+        return _combined(self, 1.0, other, 1.0, self.value + _value(other), _same_unit(self, other))
 
     def __sub__(self, other: Number | float) -> Quantity:
-        return _combined(self, 1.0, other, -1.0, float(self) - float(other), _same_unit(self, other))
+        return _combined(self, 1.0, other, -1.0, self.value - _value(other), _same_unit(self, other))
 
     def __mul__(self, other: Number | float) -> Quantity:
-        a, b = float(self), float(other)
+        a, b = self.value, _value(other)
         return _combined(self, b, other, a, a * b, _unit_of((self, 1), (other, 1)))
 
     def __truediv__(self, other: Number | float) -> Quantity:
-        a, b = float(self), float(other)
+        a, b = self.value, _value(other)
         return _combined(self, 1 / b, other, -a / b**2, a / b, _unit_of((self, 1), (other, -1)))
 
     def __pow__(self, power: float) -> Quantity:
-        a = float(self)
+        a = self.value
         return _combined(self, power * a ** (power - 1), 0.0, 0.0, a**power, _unit_of((self, power)))
 
     def __neg__(self) -> Quantity:
@@ -166,12 +173,104 @@ class Number:
         trust = [math.hypot(x, y) if name in _OF_EACH_TEST else x - y for name, (x, y) in pairs.items()]
         return replace(apart, stderr=math.hypot(mine.noise, its.noise, mine.bounded, its.bounded, *trust))
 
+    def to(self, unit: str) -> Quantity:
+        """The number in another unit: rpm, Hz, um, mil, kN/m, N/mm, lbf/in, N s/mm, g mm, deg, ...
+
+        Args:
+            unit: its name, units as in columns of files; 1/s is rad/s.
+
+        Raises:
+            ValueError: a unit of something else, or an unknown one.
+
+        Example:
+            >>> print(fit.threshold_speed().to("rpm"))
+            2654.0 +- 5.8 rpm
+            >>> print(fit.params["D"].to("N s/mm"))
+            0.449 +- 0.016 N s/mm
+        """
+        own, factor = self._quantity, si_of(self.unit, self.unit) / si_of(unit, self.unit)
+        slopes = {name: slope * factor for name, slope in own.slopes.items()}
+        return replace(own, value=own.value * factor, stderr=own.stderr * factor, unit=unit, slopes=slopes)
+
+    def to_uncertainties(self) -> Any:
+        """The number for the package ``uncertainties``, the unit left out. Numbers of one fit keep their correlations.
+
+        Raises:
+            ImportError: the package is not installed.
+
+        Example:
+            >>> K0, D = (fit.params[name].to_uncertainties() for name in ("K0", "D"))
+            >>> print(f"{K0 / D:.2u}")
+            6.43+/-0.64
+        """
+        from uncertainties import ufloat
+
+        own = self._quantity
+        if own.source is None or not math.isfinite(own.stderr):
+            return ufloat(own.value, own.stderr)
+        parts = own.source.error_parts(own.slopes).tolist()
+        return own.value + sum(part * unit for part, unit in zip(parts, _units_of(own.source, len(parts)), strict=True))
+
+    def log(self) -> Quantity:
+        """Natural logarithm of the value in its unit, for ``np.log``."""
+        a = self.value
+        return _combined(self, 1 / a, 0.0, 0.0, math.log(a), "1")
+
+    def log10(self) -> Quantity:
+        """Common logarithm of the value in its unit, for ``np.log10``."""
+        a = self.value
+        return _combined(self, 1 / (a * math.log(10)), 0.0, 0.0, math.log10(a), "1")
+
+    def exp(self) -> Quantity:
+        """Exponential of a number without dimension, for ``np.exp``."""
+        if _dimensions(self.unit):
+            raise ValueError(f"exp needs a number without dimension; this is in {self.unit}")
+        a = math.exp(self.value)
+        return _combined(self, a, 0.0, 0.0, a, "1")
+
     def sqrt(self) -> Quantity:
-        """Square root, which NumPy asks for."""
+        """Square root, for ``np.sqrt``."""
         return self**0.5
 
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
+        """NumPy's functions, number by number, each by the method of its name."""
+        boxed = [np.array(one, dtype=object) if isinstance(one, Number) else one for one in inputs]
+        return getattr(ufunc, method)(*boxed, **options)
+
+    def __abs__(self) -> Quantity:
+        return self * math.copysign(1.0, self.value)
+
+    @overload
+    def __round__(self, digits: None = None) -> int: ...
+    @overload
+    def __round__(self, digits: SupportsIndex) -> float: ...
+    def __round__(self, digits: SupportsIndex | None = None) -> float:
+        return round(self.value, digits)
+
+    def __lt__(self, other: Number | float) -> bool:
+        return self.value < _comparable(self, other)
+
+    def __le__(self, other: Number | float) -> bool:
+        return self.value <= _comparable(self, other)
+
+    def __gt__(self, other: Number | float) -> bool:
+        return self.value > _comparable(self, other)
+
+    def __ge__(self, other: Number | float) -> bool:
+        return self.value >= _comparable(self, other)
+
+    def __format__(self, spec: str) -> str:
+        """The value alone by ``.1f`` and the like, value and error by those of ``uncertainties``, ``.2u``, else the
+        printed text."""
+        if re.search(r"u|[PSL]$", spec):
+            return format(self.to_uncertainties(), spec)
+        return format(self.value if re.search(r"[.,]|[eEfFgGn%]$", spec) else str(self), spec)
+
     def __float__(self) -> float:
-        return float(self.value)
+        """The value of a known number; of others the error would be lost without a word, as in ``math.sqrt``."""
+        if self._quantity.stderr == 0:
+            return float(self.value)
+        raise TypeError(f"{self} has an error, which a plain number cannot hold; take .value, or np.sqrt and the like")
 
     def __pos__(self) -> Self:
         return self
@@ -237,25 +336,6 @@ class Quantity(Number):
     def systematic(self) -> float:
         """Share of ``stderr`` by causes, found and on trust."""
         return 0.0 if self.error is None else self.error.systematic
-
-    def to(self, unit: str) -> Quantity:
-        """The quantity in another unit of frequency: rpm, Hz, cpm or rad/s; 1/s is rad/s.
-
-        Args:
-            unit: its name.
-
-        Raises:
-            ValueError: a quantity that is no frequency, or an unknown unit.
-
-        Example:
-            >>> print(fit.threshold_speed().to("rpm"))
-            2654.0 +- 5.8 rpm
-        """
-        own = si_factor("frequency", "rad_s" if self.unit == "1/s" else self.unit.replace("/", "_"))
-        other = si_factor("frequency", unit.replace("/", "_"))
-        value, stderr = (part * own / other for part in (self.value, self.stderr))
-        slopes = {name: slope * own / other for name, slope in self.slopes.items()}
-        return replace(self, value=value, stderr=stderr, unit=unit, slopes=slopes)
 
     def __repr__(self) -> str:
         return f"<{self}>"
@@ -379,6 +459,36 @@ def _combined(one: Number, by_a: float, other: Number | float, by_b: float, valu
     return Quantity(value, stderr, unit, min(a.freedom, b.freedom))
 
 
+def _value(number: Number | float) -> float:
+    return number.value if isinstance(number, Number) else float(number)
+
+
+def _comparable(one: Number, other: Number | float) -> float:
+    """The value of another number in the unit of the first; plain ones are in it."""
+    return other.to(one.unit).value if isinstance(other, Number) else float(other)
+
+
+_SHARED: WeakKeyDictionary[Source, list[Any]] = WeakKeyDictionary()
+"""Independent numbers of unit variance that those of one fit are made of, for ``uncertainties``."""
+
+
+def _units_of(source: Source, count: int) -> list[Any]:
+    from uncertainties import ufloat
+
+    return _SHARED.setdefault(source, [ufloat(0.0, 1.0) for _ in range(count)])
+
+
+class Parameters(Printed, dict[str, FittedParameter]):
+    """Parameters of a result by name."""
+
+    def __missing__(self, name: str) -> FittedParameter:
+        raise KeyError(unknown_name("parameter", str(name), self))
+
+    def __str__(self) -> str:
+        rows = [[name, str(p), p.meaning] for name, p in self.items()]
+        return "\n".join(text_table([["parameter", "value", "meaning"], *rows], "<9 <20 <1"))
+
+
 def _same_unit(a: Number, b: Number | float) -> str:
     """The unit of a sum; a plain zero, where Python's ``sum`` begins, has any."""
     if not isinstance(b, Number) and b == 0:
@@ -408,32 +518,19 @@ def _unit_of(*factors: tuple[Number | float, float]) -> str:
             total[name] = total.get(name, 0) + power * size
     total = {name: size for name, size in total.items() if size}
     for shown in _SHOWN:
-        if _in_base(shown) == total:
+        if in_base(shown) == total:
             return _written(shown)
     return _written(total)
 
 
 def _dimensions(unit: str) -> dict[str, float]:
     """Powers of kg, m and s in a unit such as ``N s/m`` or ``kg m^2``; a radian is a number."""
-    above, _, below = unit.partition("/")
-    found: dict[str, float] = {}
-    for text, sign in ((above, 1), (below.strip("()"), -1)):
-        for name, power in re.findall(r"([A-Za-z]+)\^?(-?\d+(?:\.\d+)?)?", text):
-            found[name] = found.get(name, 0) + sign * float(power or 1)
-    return {name: size for name, size in _in_base(found).items() if name != "rad"}
+    return {name: size for name, size in in_base(powers(unit)).items() if name != "rad"}
 
 
-def _in_base(powers: Mapping[str, float]) -> dict[str, float]:
-    """The same without newtons."""
-    base = {name: float(size) for name, size in powers.items() if name != "N"}
-    for name, size in _NEWTON.items():
-        base[name] = base.get(name, 0.0) + size * powers.get("N", 0)
-    return {name: size for name, size in base.items() if size}
-
-
-def _written(powers: Mapping[str, float]) -> str:
-    above = [_power(name, size) for name, size in powers.items() if size > 0]
-    below = [_power(name, -size) for name, size in powers.items() if size < 0]
+def _written(found: Mapping[str, float]) -> str:
+    above = [_power(name, size) for name, size in found.items() if size > 0]
+    below = [_power(name, -size) for name, size in found.items() if size < 0]
     under = below[0] if len(below) == 1 else f"({' '.join(below)})"
     return " ".join(above) or "1" if not below else f"{' '.join(above) or '1'}/{under}"
 

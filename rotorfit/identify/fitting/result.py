@@ -24,11 +24,12 @@ from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.noise.sweep_noise import READINGS_OF_NOISE
 from rotorfit.identify.fitting.causes.table import Causes, table_of
 from rotorfit.identify.fitting.noise.residual_study import ResidualStudy, is_misfit, largest_redchi
-from rotorfit.identify.fitting.propagation import error_bar, made_of, propagated, theta_at
+from rotorfit.identify.fitting.propagation import error_bar, independent_parts, made_of, propagated, theta_at
 from rotorfit.identify.fitting.quantities import (
     THRESHOLD,
     ErrorBar,
     FittedParameter,
+    Parameters,
     Quantity,
     ResponseQuality,
     Share,
@@ -131,7 +132,7 @@ class FitResult:
     plot = Accessor()
 
     def __post_init__(self) -> None:
-        params = {name: replace(p) for name, p in self.params.items()}
+        params = Parameters({name: replace(p) for name, p in self.params.items()})
         for p in params.values():
             object.__setattr__(p, "fit", self)
         object.__setattr__(self, "params", params)
@@ -294,6 +295,11 @@ class FitResult:
             ``None`` where no causes were solved.
         """
         return error_bar(self, slopes)
+
+    def error_parts(self, slopes: Mapping[str, float]) -> Float:
+        """The error of a result, ``slopes`` as for :meth:`error_of`, by independent parts that all results share; their
+        squares add up to its variance."""
+        return independent_parts(self, slopes)
 
     def quantity(self, value: float, slopes: Mapping[str, float], unit: str) -> Quantity:
         """A quantity made of parameters and the threshold speed, with its error.

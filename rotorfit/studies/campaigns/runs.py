@@ -21,9 +21,10 @@ from rotorfit.base.array_types import Float
 from rotorfit.base.executors import Kept, carry_out
 from rotorfit.base.faults import of_program
 from rotorfit.base.file_reading import decompressed, reading
+from rotorfit.base.names import unknown_name
 from rotorfit.base.version import RESULTS
 from rotorfit.estimators.blocks.row_keys import rows_by, words
-from rotorfit.estimators.inference.covariance import standard_error
+from rotorfit.estimators.inference.covariance import spread_along, standard_error
 from rotorfit.identify.fitting.fit import fit
 from rotorfit.identify.fitting.json_values import decode, encode
 from rotorfit.identify.fitting.noise.record import FoundNoise
@@ -81,7 +82,7 @@ class Run:
         return self.readings.experiment
 
 
-@dataclass(frozen=True, eq=False, kw_only=True, slots=True)
+@dataclass(frozen=True, eq=False, kw_only=True, slots=True, weakref_slot=True)
 class RunFit:
     """Result of the fit of one run; small, so that it travels well."""
 
@@ -117,6 +118,11 @@ class RunFit:
 
     def error_of(self, slopes: Mapping[str, float]) -> None:
         """Runs of a campaign are fitted without causes."""
+
+    def error_parts(self, slopes: Mapping[str, float]) -> Float:
+        """See :meth:`rotorfit.FitResult.error_parts`."""
+        slope = np.array([slopes.get(name, 0.0) for name in self.var_names])
+        return spread_along(slope, self.covar)
 
     @property
     def remark(self) -> str:
@@ -327,6 +333,8 @@ class HeldParameters(Mapping[str, FittedParameter]):
         self._common = _by_name(common)
 
     def __getitem__(self, name: str) -> FittedParameter:
+        if name not in self._common:
+            raise KeyError(unknown_name("parameter", name, self._common))
         common = self._common[name]
         numbers = self._numbers[list(self._common).index(name)].tolist()
         given = dict(zip((*_COMMON, *_NUMBERS), (*common, *numbers), strict=True))
