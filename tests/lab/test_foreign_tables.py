@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 from openpyxl import Workbook
+from openpyxl.chart import LineChart
 from plain import plain_fit
 from scipy.io import savemat
 
@@ -331,6 +332,22 @@ def test_sheets_one_a_probe_are_one_test(tmp_path: Path) -> None:
     odd = {"Brg 1 Y": ["Speed (rpm)", "1X Ampl (um pp)", "1X Phase (deg lag)", "Temp (C)"]}
     with pytest.raises(ValueError, match=r"b\.xlsx: sheet 'Brg_1_Y' has other columns than the first: Temp"):
         read(book(tmp_path / "b.xlsx", ["Brg 1 X", "Brg 1 Y"], odd))
+
+
+def test_a_chart_that_has_a_sheet_of_its_own_is_passed_over(tmp_path: Path) -> None:
+    workbook = Workbook()
+    workbook.create_chartsheet("plot", 0).add_chart(LineChart())
+    for row in (HEADER.split(","), *ROWS):
+        workbook["Sheet"].append(row)
+    workbook.save(tmp_path / "a.xlsx")
+    assert len(read(tmp_path / "a.xlsx")) == len(ROWS)
+    with pytest.raises(ValueError, match=r"a\.xlsx: unknown sheet 'plot'"):
+        read(tmp_path / "a.xlsx", sheet="plot")
+    del workbook["Sheet"]
+    workbook.save(tmp_path / "b.xlsx")
+    for sheet in (None, "plot"):
+        with pytest.raises(ValueError, match=r"b\.xlsx: the workbook has no sheet with cells"):
+            read(tmp_path / "b.xlsx", sheet=sheet)
 
 
 @pytest.mark.parametrize("name", ["frequency_order", "Frequency (orders)", "order", "Freq (x)", "frequency_ratio"])

@@ -251,8 +251,10 @@ def first_rows(path: Path, sheet: str | None) -> dict[str | None, list[Sequence[
         return {sheet: [_no_wider(path.name, cells) for _, cells in rows]}
     with path.open("rb") as stream:
         book = _workbook(path, stream)
-        names = book.sheetnames if sheet is None else [sheet]
-        found = {name: [cells for _, cells in islice(_sheet_rows(path, book, name), _TITLE_ROWS)] for name in names}
+        names = list(_sheets(path, book)) if sheet is None else [sheet]
+        found: dict[str | None, list[Sequence[str]]] = {
+            name: [cells for _, cells in islice(_sheet_rows(path, book, name), _TITLE_ROWS)] for name in names
+        }
         book.close()
     return found
 
@@ -460,15 +462,16 @@ def _is_comment(text: str) -> bool:
 def _sheet(path: Path, sheet: str | None) -> Iterator[_Row]:
     with path.open("rb") as stream:
         book = _workbook(path, stream)
-        yield from _sheet_rows(path, book, sheet or book.sheetnames[0])
+        yield from _sheet_rows(path, book, sheet or next(iter(_sheets(path, book))))
         book.close()
 
 
 def _sheet_rows(path: Path, book: Any, sheet: str) -> Iterator[_Row]:
-    if sheet not in book.sheetnames:
-        raise ValueError(f"{path.name}: {unknown_name('sheet', sheet, book.sheetnames)}")
+    sheets = _sheets(path, book)
+    if sheet not in sheets:
+        raise ValueError(f"{path.name}: {unknown_name('sheet', sheet, sheets)}")
     size, taken = path.stat().st_size, 0
-    for line, row in enumerate(book[sheet].iter_rows(values_only=True), 1):
+    for line, row in enumerate(sheets[sheet].iter_rows(values_only=True), 1):
         # Memory that an empty cell takes; a sheet with one cell in its last row and column has 1.7e10 of them
         cell_bytes = 8
         taken += cell_bytes * len(row)
@@ -477,6 +480,14 @@ def _sheet_rows(path: Path, book: Any, sheet: str) -> Iterator[_Row]:
         cells = ["" if c is None else f"{c:.17g}" if isinstance(c, float) else str(c).strip() for c in row]
         if any(cells) and not _is_comment(cells[0]):
             yield line, cells
+
+
+def _sheets(path: Path, book: Any) -> dict[str, Any]:
+    """Sheets of cells by name, at least one; a chart that has a sheet of its own is none."""
+    sheets = {sheet.title: sheet for sheet in book.worksheets}
+    if not sheets:
+        raise ValueError(f"{path.name}: the workbook has no sheet with cells")
+    return sheets
 
 
 def _workbook(path: Path, stream: BinaryIO) -> Any:
