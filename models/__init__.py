@@ -33,3 +33,7 @@ __all__ = [
     "chain_from_modes", "chain_modes", "eigenvalues", "fluid_force", "harmonic_set", "threshold_speed",
     "unstable_bands", "whirl_branch",
 ]  # fmt: skip
+
+
+def __dir__() -> list[str]:
+    return __all__

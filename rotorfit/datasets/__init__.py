@@ -5,14 +5,19 @@ from __future__ import annotations
 import json
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from rotorfit.base.names import unknown_name
 from rotorfit.base.units import RAD_S_PER_RPM
-from rotorfit.lab.data.rows import Experiment
+from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.kinds.coefficient_table import CoefficientTable
+
+__all__ = [
+    "names", "path", "published_two_disk", "rig_lumped", "rig_open", "rk4", "rk4_runup", "seal_muszynska_tum", "truth",
+    "two_disk", "volts",
+]  # fmt: skip
 
 
 def names() -> tuple[str, ...]:
@@ -34,23 +39,27 @@ def truth(name: str) -> dict[str, Any]:
     return loaded
 
 
-def _read(file: Path) -> Experiment:
+def _read(file: Path) -> PerturbationTest:
     from rotorfit.lab.io.files import read
 
-    return read(file)
+    return cast("PerturbationTest", read(file, kind=PerturbationTest))
 
 
-def rig_open() -> Experiment:
+def __dir__() -> list[str]:
+    return __all__
+
+
+def rig_open() -> PerturbationTest:
     """Disk/journal rig in a fluid-lubricated bearing, 56-degree-of-freedom finite-element rotor, 1 % noise."""
     return _read(path("rig_open.csv"))
 
 
-def rig_lumped() -> Experiment:
+def rig_lumped() -> PerturbationTest:
     """Disk/journal rig in a fluid-lubricated bearing, two masses as in eq. (18), 1 % noise."""
     return _read(path("rig_lumped.csv"))
 
 
-def two_disk() -> Experiment:
+def two_disk() -> PerturbationTest:
     """Two-disk rotor, synchronous start-ups with a calibration weight at 0 and 180 degrees in each plane."""
     return _read(path("two_disk.csv"))
 
@@ -62,13 +71,13 @@ def published_two_disk() -> dict[str, float]:
     return {name: float(value) for name, value, _ in (row.split(",") for row in rows)}
 
 
-def rk4() -> Experiment:
+def rk4() -> PerturbationTest:
     """Measured 1x vectors of a Bently Nevada RK-4 rotor kit: known weights on two disks, mounted again and again.
     Source and licence: ``rk4_LICENSE.txt`` beside the file."""
     return _read(path("rk4_sync.csv"))
 
 
-def rk4_runup() -> Experiment:
+def rk4_runup() -> PerturbationTest:
     """Measured run-up of the same kit through its first critical speed: one probe, unbalance unknown (1 g mm)."""
     return _read(path("rk4_runup.csv"))
 

@@ -11,10 +11,12 @@ from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.identify.fitting.settings import FitKeywords, SampleKeywords
+from rotorfit.lab.io.files import ReadKeywords
 
 
 @pytest.mark.parametrize(
-    ("function", "keywords", "own"), [(rf.fit, FitKeywords, {"known"}), (rf.sample, SampleKeywords, set())]
+    ("function", "keywords", "own"),
+    [(rf.fit, FitKeywords, {"known"}), (rf.sample, SampleKeywords, set()), (rf.read, ReadKeywords, {"kind"})],
 )
 def test_handed_on_is_what_the_function_takes(function: Callable[..., Any], keywords: type, own: set[str]) -> None:
     taken = {p.name: p.annotation for p in signature(function).parameters.values() if p.kind is Parameter.KEYWORD_ONLY}

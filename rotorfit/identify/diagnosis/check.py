@@ -6,7 +6,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator
 from functools import wraps
-from typing import Any, ParamSpec
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, Unpack, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,13 @@ from rotorfit.lab.kinds.displacement_test import DisplacementTest
 from rotorfit.lab.kinds.free_vibration import ImpulseTest, RingDownTest
 from rotorfit.lab.kinds.static_test import StaticTest
 
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from pandas import DataFrame
+
 P = ParamSpec("P")
+Kind = TypeVar("Kind", bound=Experiment)
 
 
 def check(test: Experiment) -> list[Finding]:
@@ -153,5 +159,15 @@ def checking(reader: Callable[P, Experiment]) -> Callable[P, Experiment]:
     return read
 
 
-read = checking(files.read)
-read.__module__ = __name__  # under which other processes find it
+if TYPE_CHECKING:  # what is read without a kind depends on the file
+
+    @overload
+    def read(path: str | Path | DataFrame, *, kind: type[Kind], **options: Unpack[files.ReadKeywords]) -> Kind: ...
+    @overload
+    def read(path: str | Path | DataFrame, **options: Unpack[files.ReadKeywords]) -> Any: ...
+    def read(path: str | Path | DataFrame, **options: Any) -> Any:
+        """See :func:`rotorfit.lab.io.files.read`."""
+
+else:
+    read = checking(files.read)
+    read.__module__ = __name__  # under which other processes find it

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 
@@ -46,6 +46,30 @@ READ_ONLY = (*EXCEL, SUFFIX)
 """Suffixes of tables that are not written."""
 
 
+class ReadKeywords(TypedDict, total=False):
+    """Options of :func:`read`, for functions that hand them on."""
+
+    gains: Mapping[Channel, complex] | None
+    delays: Mapping[Channel, float] | None
+    slow_roll: Mapping[Channel, complex] | None
+    slow_roll_below_rpm: float | None
+    probe_angles: Mapping[str, tuple[float, float]] | None
+    difference: bool
+    speed: float | None
+    speed_tolerance: float
+    sheet: str | None
+    columns: Mapping[str, str] | None
+    constants: Mapping[str, str | float] | None
+    axes: str
+    where: Mapping[str, Wanted] | None
+    exclude: Mapping[str, Wanted] | None
+    drop_near_1x: float
+    skip: Sequence[int]
+    on_finding: Callable[[Finding], None] | None
+    on_lines: Callable[[Index], None] | None
+    progress: Callable[[float], None] | None
+
+
 def read(
     path: str | Path | DataFrame,
     *,
@@ -68,6 +92,7 @@ def read(
     on_finding: Callable[[Finding], None] | None = None,
     on_lines: Callable[[Index], None] | None = None,
     progress: Callable[[float], None] | None = None,
+    kind: type[Experiment] | None = None,
 ) -> Experiment:
     """Read a test: CSV (.csv .tsv .txt), Excel (.xlsx .xlsm), JSON, universal file (.uff .unv), netCDF (.nc) or MAT.
 
@@ -100,6 +125,8 @@ def read(
         on_lines: called with the line of the file, or row of the sheet, of each reading of a table, shape ``(R,)``,
             before readings are chosen by ``where`` and the like.
         progress: called with the share of a table that is read.
+        kind: class of the test, such as ``rf.StaticTest``; a file that holds another is refused, and type checkers know
+            what is read. By default what the file holds.
 
     Raises:
         ValueError: what in the file or in an option is wrong, where, and what is allowed.
@@ -117,6 +144,8 @@ def read(
     table = {"sheet": sheet, "columns": columns, "constants": constants}
     callbacks = {"on_finding": on_finding, "on_lines": on_lines, "progress": progress}
     test = _read_raw(path, {"speed": speed, "axes": axes}, table, callbacks, speed_tolerance)
+    if kind is not None and not isinstance(test, kind):
+        raise ValueError(f"{test.source} holds a {test.title}, not a {kind.title} (kind={kind.__name__})")
     _check_sizes(test)
     test = selected(test, where=where, exclude=exclude, drop_near_1x=drop_near_1x)
     corrections: dict[str, Any] = {

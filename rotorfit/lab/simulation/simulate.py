@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypedDict, Unpack
+from typing import Any, Literal, TypedDict, Unpack, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.base.names import unknown_name
+from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.rows import Experiment
+from rotorfit.lab.kinds.displacement_test import DisplacementTest
+from rotorfit.lab.kinds.free_vibration import RingDownTest
+from rotorfit.lab.kinds.static_test import StaticTest
 from rotorfit.lab.simulation import forcing
 from rotorfit.lab.simulation.rig import VirtualRig
 from rotorfit.models import RotorModel
@@ -89,6 +93,61 @@ SIMULATED: Mapping[str, Callable[..., Experiment]] = {
 """Kinds of experiments by name: functions of a :class:`~rotorfit.lab.simulation.rig.VirtualRig` and its options."""
 
 
+@overload
+def simulate(
+    model: RotorModel,
+    params: Mapping[str, float],
+    kind: Literal["perturbation", "squeeze-film", "synchronous"] = ...,
+    *,
+    noise: float = ...,
+    seed: int | np.random.Generator = ...,
+    tolerance: float = ...,
+    **options: Unpack[ExperimentOptions],
+) -> PerturbationTest: ...
+@overload
+def simulate(
+    model: RotorModel,
+    params: Mapping[str, float],
+    kind: Literal["displacement"],
+    *,
+    noise: float = ...,
+    seed: int | np.random.Generator = ...,
+    tolerance: float = ...,
+    **options: Unpack[ExperimentOptions],
+) -> DisplacementTest: ...
+@overload
+def simulate(
+    model: RotorModel,
+    params: Mapping[str, float],
+    kind: Literal["static-load"],
+    *,
+    noise: float = ...,
+    seed: int | np.random.Generator = ...,
+    tolerance: float = ...,
+    **options: Unpack[ExperimentOptions],
+) -> StaticTest: ...
+@overload
+def simulate(
+    model: RotorModel,
+    params: Mapping[str, float],
+    kind: Literal["impulse"],
+    *,
+    noise: float = ...,
+    seed: int | np.random.Generator = ...,
+    tolerance: float = ...,
+    **options: Unpack[ExperimentOptions],
+) -> RingDownTest: ...
+@overload
+def simulate(
+    model: RotorModel,
+    params: Mapping[str, float],
+    kind: str,
+    *,
+    noise: float = ...,
+    seed: int | np.random.Generator = ...,
+    tolerance: float = ...,
+    **options: Unpack[ExperimentOptions],
+) -> Experiment: ...
 def simulate(
     model: RotorModel,
     params: Mapping[str, float],
