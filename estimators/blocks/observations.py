@@ -384,6 +384,11 @@ def acts_alone(block: Responses) -> Bool:
     return np.asarray(np.sum(forced, axis=0) == 1)
 
 
+def read_at_the_force(block: Responses) -> Bool:
+    """Readings at the coordinate of a force that acts alone, shape ``(R,)``."""
+    return np.asarray((block.coordinate == force_plane(block)) & acts_alone(block)[block.line])
+
+
 def sweeps_of(block: Responses, *, synchronous: bool = False) -> list[Index]:
     """Readings of each sweep by frequency; another level of force at the same frequencies is another sweep."""
     w = block.frequency[block.line]

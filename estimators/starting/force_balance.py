@@ -189,13 +189,14 @@ def complete_lines(block: Responses) -> Responses:
 
 def stiffness_matrices(block: Responses) -> StiffnessMatrices:
     """Invert the response matrix at every frequency at which all planes were forced (eqs 5 and 7). In models with x and
-    y apart the forward and the backward run at ``|w|`` make the 2n columns of eq. (5). Frequencies whose forces or
-    readings are incomplete, and singular response matrices, are left out."""
+    y apart the forward and the backward run at ``|w|`` make the 2n columns of eq. (5). Runs at one set speed belong
+    together, however it was logged. Frequencies whose forces or readings are incomplete, and singular response
+    matrices, are left out."""
     block = complete_lines(block)
     n = len(block.model.coordinates)
     amplitude, sigma = block.amplitudes()
     w = block.frequency if block.model.frame == "z" else np.abs(block.frequency)
-    keys = np.column_stack([block.group, _rounded(block.speed), _rounded(w)])
+    keys = np.column_stack([block.group, _rounded(block.set_speed), _rounded(w)])
     _, index = np.unique(keys, axis=0, return_inverse=True)
     order = np.argsort(index.reshape(-1), kind="stable")
     size = np.bincount(index.reshape(-1))

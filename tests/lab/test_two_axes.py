@@ -15,6 +15,7 @@ from sentences import refuses
 import rotorfit as rf
 from rotorfit.lab.data.experiments import PerturbationTest
 
+HZ = np.linspace(20.0, 200.0, 7)
 MODEL = rf.models.Anisotropic(("stator",))
 
 
@@ -42,6 +43,19 @@ def test_cross_talk_that_was_measured_biases_nothing() -> None:
     ).drop(columns=["force_x_N", "force_x_phase_deg", "force_y_N", "force_y_phase_deg"])
     alone = plain_fit(MODEL, rf.read(main))
     assert max(abs(alone.params[name].value / truth[name] - 1) for name in ("Kxx", "Kxy", "Kyx", "Kyy")) > 0.005
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.02, 3.0])
+def test_runs_of_a_pair_log_speeds_a_little_apart(apart: float) -> None:
+    """x- and y-shaken at one set speed are inverted together, up to a thousandth of 3000 rpm."""
+    table = floating_stator(speeds_rpm=[3000.0], exact=True, mass=0.0, frequency_hz=HZ)
+    table["speed_rpm"] += apart * table["run"].str.endswith("y")
+    fit = plain_fit(MODEL, read(table))
+    (row,) = fit.frequency_coefficients().rows
+    K, D, M = (matrix.reshape(4, 1) for matrix in matrices(FLUID(3000.0)))
+    np.testing.assert_allclose(row.frequency, 2 * np.pi * HZ)
+    np.testing.assert_allclose(row.stiffness, K - row.frequency**2 * M, rtol=1e-9)
+    np.testing.assert_allclose(row.damping, np.tile(D, HZ.size), rtol=1e-9)
 
 
 def test_an_isotropic_model_sees_both_forces_forward_and_backward() -> None:

@@ -12,6 +12,7 @@ from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
 from rotorfit.models import OneMode, TwoDisk
+from rotorfit.show.plots.figure_table import figures_of
 
 SPEEDS = (100.0, 180.0)
 W = np.concatenate([-np.linspace(20.0, 200.0, 30)[::-1], np.linspace(20.0, 200.0, 30)])
@@ -204,3 +205,14 @@ def test_figures_of_results_take_axes_and_units_too(fit: rf.FitResult) -> None:
     np.testing.assert_allclose(line.get_xdata(), [100 / (2 * np.pi), 200 / (2 * np.pi)])
     np.testing.assert_allclose(line.get_ydata(), 2 * np.abs(prediction.response) / 25.4e-6, rtol=1e-9)
     plt.close("all")
+
+
+def test_no_empty_figure_is_drawn() -> None:
+    """A probe at one plane alone, a force at the other alone: no drive point, nothing to invert."""
+    model = TwoDisk()
+    test = circular_test(model, model.vector(TYPICAL["two-disk"]), speeds=SPEEDS, frequency=W, noise=0.001)
+    seen = test.select((test.plane == model.planes[1]) & (test.force_plane == model.planes[0]))
+    fit = plain_fit(model, seen, known={name: TYPICAL["two-disk"][name] for name in ("M1", "M2", "K1")})
+    assert [figure.name for figure in figures_of(fit)] == ["bode", "polar", "residuals"]
+    with refuses(ValueError):
+        fit.plot.dynamic_stiffness()

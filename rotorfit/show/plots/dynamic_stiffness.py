@@ -15,7 +15,7 @@ from rotorfit.base.digits import significant
 from rotorfit.base.names import unknown_name
 from rotorfit.base.significance import CHANCE_ERRORS
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
-from rotorfit.estimators.blocks.observations import Responses, acts_alone
+from rotorfit.estimators.blocks.observations import Responses, force_plane, read_at_the_force
 from rotorfit.estimators.blocks.response import probe_factors
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.starting.force_balance import stiffness_matrices
@@ -60,6 +60,10 @@ class _Shown:
     lines: dict[tuple[int, int], list[_Line]]
 
 
+_NO_STIFFNESS = (
+    "no dynamic stiffness was measured: it takes readings at the plane of a force that acts alone, or all planes read "
+    "under a force at each of them in turn, at the same speeds and frequencies"
+)
 AGAINST = ("frequency", "square", "ratio")
 """Axes of dynamic stiffness: frequency, its square for the direct part, or its ratio to the speed."""
 
@@ -105,6 +109,8 @@ def plot_dynamic_stiffness(fit: FitResult, *, sheet: style.Sheet, against: str =
     full = any(p.row != p.column for s in shown for p in s.points) or n == 1
     measured = sorted({(p.row, p.column) for s in shown for p in s.points})
     entries = list(np.ndindex(n, n)) if full else measured
+    if not entries:
+        raise ValueError(_NO_STIFFNESS)
     kind = "Dynamic stiffness" if full else "Drive-point dynamic stiffness, other planes free"
     together = full and n > 2 and against != "square"
     rows, columns, size = (n, n, (3.6, 2.4)) if together else (len(entries), 2, (5.4, 2.2))
@@ -188,10 +194,10 @@ def _measured(block: Responses, fit: FitResult) -> list[Points]:
 
 def drive_points(block: Responses) -> list[Points]:
     """Force over response at the forced coordinate (or measured force over imposed displacement)."""
-    plane, alone = np.argmax(np.abs(block.force), axis=1)[block.line], acts_alone(block)[block.line]
+    own = read_at_the_force(block) & (block.measured != 0)
     points = []
-    for p in np.unique(plane).tolist():
-        rows = np.flatnonzero((plane == p) & (block.coordinate == p) & alone & (block.measured != 0))
+    for p in np.unique(force_plane(block)).tolist():
+        rows = np.flatnonzero(own & (block.coordinate == p))
         if not rows.size:
             continue
         line, value, sigma = block.line[rows], block.measured[rows], block.sigma[rows]
@@ -207,11 +213,10 @@ def _along_the_data(fit: FitResult, block: OrbitResponses, group: int) -> Iterat
     """Drive-point stiffness of a nonlinear rotor at the orbits that the fit has at the data's lines."""
     base = block.base
     value, slope = block.motion_jacobian(fit.thetas)
-    plane, alone = np.argmax(np.abs(base.force), axis=1)[base.line], acts_alone(base)[base.line]
-    w = base.frequency[base.line]
-    for p in np.unique(plane).tolist():
+    own, w = read_at_the_force(base), base.frequency[base.line]
+    for p in np.unique(force_plane(base)).tolist():
         for forward in (False, True):
-            rows = np.flatnonzero((plane == p) & (base.coordinate == p) & ((w > 0) == forward) & alone)
+            rows = np.flatnonzero(own & (base.coordinate == p) & ((w > 0) == forward))
             if not rows.size:
                 continue
             rows = rows[np.argsort(w[rows], kind="stable")]

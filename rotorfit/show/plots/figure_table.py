@@ -8,9 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
-from rotorfit.estimators.blocks.observations import Block
+from rotorfit.estimators.blocks.observations import Block, Responses, read_at_the_force
 from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses
 from rotorfit.estimators.blocks.small_motion import FreeVibrations
+from rotorfit.estimators.starting.force_balance import stiffness_matrices
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.models import Modal
 
@@ -30,6 +31,8 @@ def _kinds(block: Block) -> Iterator[str]:
     turning = responses is not None and bool(responses.frequency.any())
     if turning:  # circular forces, or forces under imposed orbits
         yield "responses"
+        if responses is not None and _stiffness_measured(responses):
+            yield "stiffness"
     if isinstance(block, OrbitResponses) and np.isfinite(block.eccentricity).any():
         yield "orbits" if turning else "loads"
     if isinstance(block, FreeVibrations) and block.model.eccentricity_dependent and (block.eccentricity > 0).any():
@@ -43,6 +46,12 @@ def _kinds(block: Block) -> Iterator[str]:
             yield "many frequencies of modes"
 
 
+def _stiffness_measured(block: Responses) -> bool:
+    """True if responses hold a drive point of the rotor alone, or can be inverted."""
+    alone = block.beside is None and bool(read_at_the_force(block).any())
+    return alone or (not block.imposed and bool(stiffness_matrices(block).frequency.size))
+
+
 _TO_FORCE = "Responses to a unit force. Points: measured. Lines: fit, with its 95 % band."
 _POLAR = "Responses to a unit force. Points: measured, open ones backward. Lines: fit; crosses: frequencies in rpm."
 _BAND = "Residuals over their noise; noise alone would leave 95 % of them in the grey band."
@@ -53,7 +62,7 @@ FIGURES: tuple[ReportFigure, ...] = (
         "dynamic_stiffness",
         "Points: measured ± σ. Lines: fit, with its 95 % band. Dotted: λΩ, where the fluid's part of the quadrature "
         "stiffness vanishes.",
-        {"responses"},
+        {"stiffness"},
     ),
     ReportFigure("Bode plots", "bode", _TO_FORCE, {"responses"}),
     ReportFigure("Polar plots", "polar", _POLAR, {"responses"}),
