@@ -9,7 +9,10 @@ import pytest
 
 from rotorfit.base.digits import significant
 
-ASKED = "rotorfit.estimators.starting.modal_start"  # imports Modal, Responses and RotorModel
+ASKED = """
+from rotorfit.models import Modal, RotorModel
+from rotorfit.estimators.blocks.observations import Responses
+"""
 
 
 @pytest.mark.parametrize(
@@ -24,8 +27,10 @@ ASKED = "rotorfit.estimators.starting.modal_start"  # imports Modal, Responses a
         ("f'not a {type(model).__name__}'\ntype(model)()\nModal(modes=1)\nisinstance(1, int)\n{'Modal': 1}", 0),
     ],
 )
-def test_every_way_to_ask_a_kind_counts(code: str, n: int) -> None:
-    assert len(house.places(ASKED, ast.parse(code))) == n
+def test_every_way_to_ask_a_kind_counts(monkeypatch: pytest.MonkeyPatch, code: str, n: int) -> None:
+    whole = {**house.sources(), "asking": ast.parse(ASKED)}
+    monkeypatch.setattr(house, "sources", lambda: whole)
+    assert len(house.places("asking", ast.parse(code))) == n
 
 
 def test_a_kind_may_ask_itself() -> None:

@@ -151,27 +151,27 @@ def readings_figures(test: Experiment, skipped: Set[int], on_brush: Callable[[se
 
     Rows that are left out are crosses; ``on_brush`` is called with the rows that are brushed.
     """
-    if not isinstance(test, PerturbationTest):
+    if (responses := test.perturbation) is None:
         return []
     brushed: dict[str, Sequence[int]] = {}
     found = []
-    channels = np.char.add(np.char.add(test.plane, " "), test.direction)
+    channels = np.char.add(np.char.add(responses.plane, " "), responses.direction)
     for channel in dict.fromkeys(channels.tolist()):
         rows = np.flatnonzero(channels == channel)
-        source = _source(test, rows, skipped)
+        source = _source(responses, rows, skipped)
 
         def brush(_: str, __: Any, indices: list[int], channel: str = channel, rows: Any = rows) -> None:
             brushed[channel] = rows[indices].tolist()
             on_brush({row for own in brushed.values() for row in own})
 
         source.selected.on_change("indices", brush)
-        found.append(_pair(channel, source, test))
+        found.append(_pair(channel, source, responses))
     return found
 
 
 def colours_of_runs(test: Experiment) -> dict[str, str]:
     """Colour of each run of a perturbation test."""
-    runs = list(dict.fromkeys(test.run.tolist())) if isinstance(test, PerturbationTest) else []
+    runs = () if test.perturbation is None else test.runs
     return {run: colour_of(number, len(runs)) for number, run in enumerate(runs)}
 
 

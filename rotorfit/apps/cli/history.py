@@ -24,7 +24,6 @@ from rotorfit.apps.study_files.data_files import no_progress, read_files
 from rotorfit.base.text_table import Wide, text_table
 from rotorfit.identify.fitting.fit_file import load_fit, save_fit
 from rotorfit.identify.options.kinds import two_numbers, words
-from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.io.files import write
 from rotorfit.lab.io.tables.result_tables import rows_csv
 from rotorfit.studies.monitoring.observed_stiffness import observed_stiffness
@@ -62,9 +61,9 @@ def _followed(options: argparse.Namespace) -> MachineTrend:
         return followed_trend([dated(file) for file in options.files], false_alarm=options.false_alarm)
     tests = []
     for test in read_files(data_files(options), no_progress)[0]:
-        if not isinstance(test, PerturbationTest):
+        if (responses := test.perturbation) is None:
             raise ValueError(f"{test.source}: a {test.title} has no observed stiffness: a synchronous test is needed")
-        tests += observed_stiffness(test, speed_rpm=limits)
+        tests += observed_stiffness(responses, speed_rpm=limits)
     return followed_trend(tests, false_alarm=options.false_alarm)
 
 

@@ -19,7 +19,7 @@ from rotorfit.identify.options.kinds import number_word, pairs
 from rotorfit.identify.options.kinds import words as comma_words
 from rotorfit.lab.data.balancing import Balance
 from rotorfit.lab.data.balancing import balance as balanced
-from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest, perturbations
 from rotorfit.lab.data.findings import errors_in
 from rotorfit.lab.data.joined import join_runs
 from rotorfit.lab.data.weights import Influences, influence
@@ -52,9 +52,9 @@ def _joined_runs(options: argparse.Namespace) -> PerturbationTest:
         files.append(DataFile(file.path, {**file.options, "difference": False}))
     tests, _ = read_files(files, no_progress)
     for test in tests:
-        if not isinstance(test, PerturbationTest):
+        if test.perturbation is None:
             raise ValueError(f"{test.source}: a {test.title} cannot be joined: it has no runs with a force")
-    return join_runs([test for test in tests if isinstance(test, PerturbationTest)], difference=False)
+    return join_runs(perturbations(tests), difference=False)
 
 
 def add_balance(to: argparse.ArgumentParser) -> None:

@@ -19,10 +19,9 @@ from rotorfit.identify.options.table import SHAFT, StudyOptions
 from rotorfit.identify.uncertainty.bootstrap import Bootstrap
 from rotorfit.identify.uncertainty.posterior import Posterior
 from rotorfit.identify.uncertainty.profile import Profile
-from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.experiments import perturbations
 from rotorfit.lab.data.findings import Finding, attributed, error_sentence, errors_in, of_the_fit, warnings_in
 from rotorfit.lab.data.rows import Experiment
-from rotorfit.lab.kinds.line_test import LineTest
 from rotorfit.models import LAWS, MODELS, AnisotropicShaft, KnownStructure, Modal, Orthotropic, RotorModel
 
 
@@ -128,11 +127,9 @@ def build_model(study: Study, experiments: Sequence[Experiment]) -> RotorModel:
     elif study.model == "anisotropic":  # has as many planes as the data, whatever they are called
         options["planes"] = tuple(dict.fromkeys(plane for experiment in experiments for plane in experiment.planes))
     if study.model == AnisotropicShaft.name:
-        lines = [test for test in experiments if isinstance(test, LineTest)]
-        if not any((test.direction == "twist").any() for test in lines):
+        if not any(test.reads_twist for test in experiments):
             options["torsion"] = None
-        speeds = [[set(test.speed[test.line == line].tolist()) for line in ("1x", "2x")] for test in lines]
-        if any(min(map(len, of_lines)) >= LineTest.START_UP for of_lines in speeds):  # where run-out shows
+        if any(test.reads_start_up for test in experiments):
             options["runout"] = True
     if study.model == Modal.name:
         options |= modal_options(tuple(study.planes), experiments)
@@ -151,7 +148,7 @@ def build_model(study: Study, experiments: Sequence[Experiment]) -> RotorModel:
 def modal_options(planes: Sequence[str], experiments: Sequence[Experiment]) -> dict[str, Any]:
     """Options of a modal model that suit the data: of the planes that are forced and read, or else of all, the one that
     moves most is the one to normalise at."""
-    tests = [test for test in experiments if isinstance(test, PerturbationTest)]
+    tests = perturbations(experiments)
     size = {plane: 0.0 for test in tests for plane in (*test.planes, *test.force_planes)}
     for test in tests:
         for plane in test.planes:

@@ -22,7 +22,7 @@ from rotorfit.identify.diagnosis.orbits import Orbits, orbits_of_tests, total_po
 from rotorfit.identify.diagnosis.probe_filters import FilteredProbe
 from rotorfit.identify.diagnosis.probe_pairs import uneven_planes
 from rotorfit.identify.diagnosis.trial_fits import MOST_PLANES, Explanation
-from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest, perturbations
 from rotorfit.lab.data.rows import Experiment
 
 _DECIBELS = {"um": 1e-6, "mil": 25.4e-6, "mm": 1e-3}
@@ -346,13 +346,12 @@ def undone(experiments: Sequence[Experiment], names: Sequence[str]) -> tuple[Exp
     """The data with errors undone one after the other."""
     corrected = list(experiments)
     for name in names:
-        tests = [test for test in corrected if isinstance(test, PerturbationTest)]
+        tests = perturbations(corrected)
         orbits = orbits_of_tests(tests)
         beside = (*backward_angles(tests), *data_errors(tests))
         possible = (*mirrored_orbits(orbits), *filtered_probes(uneven_planes(orbits)), *beside)
         known = {error.name: error for error in possible if error.can_be_undone}
         if name not in known:
             raise ValueError(f"undo: {unknown_name('error of these data', name, known)}")
-        correct = known[name].correct
-        corrected = [correct(test) if isinstance(test, PerturbationTest) else test for test in corrected]
+        corrected = [test.corrected(known[name].correct) for test in corrected]
     return tuple(corrected)

@@ -46,7 +46,7 @@ from rotorfit.identify.diagnosis.trial_fits import (
 from rotorfit.identify.fitting.fit import fitted, solve
 from rotorfit.identify.fitting.problem_setup import build_problem
 from rotorfit.identify.fitting.result import FitResult
-from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest, perturbations
 from rotorfit.lab.data.findings import INTERNAL_PROBLEM, LOCAL_MINIMUM, Finding, attributed, errors_in
 from rotorfit.lab.data.probes import at_common_zero
 from rotorfit.models.parameters import bare_name
@@ -154,7 +154,7 @@ def explained(fit: FitResult, shown: Collection[str] = ()) -> list[Finding]:
     """The errors of the data that explain what a fit misses, beside ``shown``, those that the data show themselves."""
     if fit.problem.loss != "linear":
         return []
-    tests = [test for test in fit.experiments if isinstance(test, PerturbationTest)]
+    tests = perturbations(fit.experiments)
     orbits = orbits_of_tests(tests)
     # Corrections that make orbits turn with the force and nothing else look wrong, by the share of motion left: a fit
     # does not see motion against the force.
@@ -239,7 +239,7 @@ def _corrected(fit: FitResult, error: DataError) -> Problem | None:
     settings = fit.settings.asked
     if error.frees_datum and settings.phase_offsets:
         return None
-    tests = [error.correct(test) if isinstance(test, PerturbationTest) else test for test in fit.experiments]
+    tests = [test.corrected(error.correct) for test in fit.experiments]
     try:
         changed = replace(settings, phase_offsets="common") if error.frees_datum else settings
         return build_problem(fit.model, tests, changed)

@@ -96,10 +96,10 @@ def copies_finding(copies: Mapping[str, str], rows: Sequence[int] = ()) -> Findi
     return Finding("warning", "duplicate", text, tuple(rows), undo="leave the copies out")
 
 
-def run_digests(test: Experiment) -> dict[str, bytes]:
+def run_digests(experiment: Experiment) -> dict[str, bytes]:
     """Runs that hold some readings, and a hash of all that is known of those."""
     found: dict[str, bytes] = {}
-    if not isinstance(test, PerturbationTest):
+    if (test := experiment.perturbation) is None:
         return found
     values = (test.speed, test.frequency, test.force, test.response)
     copied_readings = 3  # readings of a run that agree to the last digit from which that is no chance

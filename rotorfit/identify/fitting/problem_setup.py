@@ -43,9 +43,13 @@ def as_tuple(experiments: Experiment | Sequence[Experiment]) -> tuple[Experiment
 
 def dry_run(baseline: Experiment | None) -> PerturbationTest | None:
     """A baseline as it is, if it is a test with measured forces."""
-    if baseline is None or isinstance(baseline, PerturbationTest):
-        return baseline
-    what = baseline.title if isinstance(baseline, Experiment) else type(baseline).__name__
+    if baseline is None:
+        return None
+    what = type(baseline).__name__
+    if isinstance(baseline, Experiment):
+        if (found := baseline.perturbation) is not None:
+            return found
+        what = baseline.title
     raise TypeError(f"a baseline is what rf.read returns of a dry run, responses to measured forces, not a {what}")
 
 

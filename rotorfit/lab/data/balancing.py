@@ -220,7 +220,7 @@ def _state(
     solved = influences.solved
     cells = np.arange(solved.channel.size)
     coefficients = np.column_stack([solved.residual, solved.influence])
-    if isinstance(reference, PerturbationTest):
+    if not (reference is None or isinstance(reference, str)):
         return _read_now(influences, reference, coefficients)
     weights = np.zeros(len(influences.planes), dtype=complex)
     remarks: tuple[str, ...] = ()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
@@ -66,6 +66,7 @@ class PerturbationTest(Experiment):
     """
 
     title: ClassVar[str] = "perturbation test"
+    reads: ClassVar[Literal["motion", "force", ""]] = "motion"
 
     frequency: Float
     force_plane: Text
@@ -106,6 +107,24 @@ class PerturbationTest(Experiment):
         from rotorfit.lab.observing.forced import forced_responses  # late: it is written for this class
 
         return forced_responses(model, self, group)
+
+    @property
+    def perturbation(self) -> PerturbationTest:
+        """See any experiment."""
+        return self
+
+    def corrected(self, correct: Callable[[PerturbationTest], PerturbationTest]) -> PerturbationTest:
+        """See any experiment."""
+        return correct(self)
+
+    def forced_at(self, plane: str) -> Bool:
+        """See any experiment."""
+        return np.array([any(plane == at for at, *_ in more) for more in self.further_forces.tolist()], dtype=bool)
+
+    @property
+    def line_of_rows(self) -> Index:
+        """See any experiment."""
+        return self.lines.apart()[0]
 
     def unread(self, sigma: Float) -> PerturbationTest:
         """See any experiment."""
@@ -293,6 +312,11 @@ def records(values: Iterable[Any]) -> Records:
 def none_further(rows: int) -> Records:
     """Further forces of rows on which one force acts alone."""
     return np.broadcast_to(records([()]), rows)
+
+
+def perturbations(tests: Iterable[Experiment]) -> list[PerturbationTest]:
+    """The responses to forces among some tests."""
+    return [found for test in tests if (found := test.perturbation) is not None]
 
 
 def plane_groups(test: PerturbationTest) -> list[list[str]]:

@@ -40,7 +40,7 @@ def join_runs(tests: Sequence[PerturbationTest], *, difference: bool = True) -> 
         True
     """
     for test in tests:
-        if not isinstance(test, PerturbationTest):
+        if not isinstance(test, Experiment) or test.perturbation is None:
             raise TypeError(f"runs of perturbation tests can be joined, not a {type(test).__name__}")
     if not tests:
         raise ValueError("there are no tests to join")
@@ -64,12 +64,12 @@ def runs_apart(tests: Sequence[T]) -> tuple[T, ...]:
     for test in tests:
         columns = [getattr(test, name) for name in ("run", "plane", "direction") if hasattr(test, name)]
         first = distinguished(*columns)[0]
-        read.update((type(test), *row) for row in zip(*(column[first].tolist() for column in columns), strict=True))
+        read.update((test.title, *row) for row in zip(*(column[first].tolist() for column in columns), strict=True))
     twice = {(kind, run) for (kind, run, *_), count in read.items() if count > 1}
     apart = []
     for test, where in zip(tests, _places(tests), strict=True):
         names, number = words(test.run)
-        renamed = [f"{name} ({where})" if (type(test), name) in twice else name for name in names]
+        renamed = [f"{name} ({where})" if (test.title, name) in twice else name for name in names]
         apart.append(test if renamed == names else replace(test, run=np.array(renamed)[number]))
     return tuple(apart)
 

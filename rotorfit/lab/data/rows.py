@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from html import escape
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
     from rotorfit.estimators.blocks.observations import Block
+    from rotorfit.lab.data.experiments import PerturbationTest
     from rotorfit.models import RotorModel
 
 
@@ -51,6 +52,9 @@ class Experiment(ABC):
     """Read-only arrays of one length, one row a reading."""
 
     title: ClassVar[str]
+    reads: ClassVar[Literal["motion", "force", ""]] = ""  # what a row reads whose noise may grow with it
+    reducer: ClassVar[str] = "responses"  # the function of rotorfit that makes such tests of recordings
+    tells_noise: ClassVar[bool] = False  # whether its rows are records that show their noise
 
     source: str = ""
     attributes: Mapping[str, NDArray[Any]] = field(default_factory=dict)
@@ -66,6 +70,47 @@ class Experiment(ABC):
             model: the rotor.
             group: parameter group of each row, shape ``(R,)``.
         """
+
+    @property
+    def perturbation(self) -> PerturbationTest | None:
+        """The responses to forces that it is, None of other kinds."""
+        return None
+
+    def corrected(self, correct: Callable[[PerturbationTest], PerturbationTest]) -> Experiment:
+        """The experiment with responses to forces corrected, as it is where it holds none.
+
+        Args:
+            correct: from responses to forces to others.
+        """
+        return self
+
+    def forced_at(self, plane: str) -> Bool:
+        """Rows on which a further force acts at a plane beside that of its column, shape ``(R,)``.
+
+        Args:
+            plane: its name.
+        """
+        return np.zeros(len(self), dtype=bool)
+
+    @property
+    def line_of_rows(self) -> Index:
+        """Line of each row among the observations that are made of it, shape ``(R,)``."""
+        return np.arange(len(self))
+
+    @property
+    def reduced_with(self) -> Mapping[str, float]:
+        """Options by which its ``reducer`` made it of recordings."""
+        return {}
+
+    @property
+    def reads_twist(self) -> bool:
+        """True if the twist of a shaft was read."""
+        return False
+
+    @property
+    def reads_start_up(self) -> bool:
+        """True if lines of a shaft without a force were read over a start-up, where run-out shows."""
+        return False
 
     def unread(self, sigma: Float) -> Experiment:
         """The test as planned, without readings but those of a journal at rest and of the mode that an impulse excites.
@@ -97,7 +142,12 @@ class Experiment(ABC):
     @cached_property
     def planes(self) -> tuple[str, ...]:
         """Measured planes in order of appearance, none for experiments that name no plane."""
-        return tuple(words(getattr(self, "plane", np.zeros(0)))[0])
+        return tuple(words(self.plane_of_rows)[0])
+
+    @property
+    def plane_of_rows(self) -> Text:
+        """Plane that each row was measured at, shape ``(R,)``, empty for experiments that name no plane."""
+        return np.asarray(getattr(self, "plane", np.array([], dtype=str)))
 
     @property
     def frequencies(self) -> Float:

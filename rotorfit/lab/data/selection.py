@@ -9,7 +9,6 @@ import numpy as np
 
 from rotorfit.base.array_types import Bool
 from rotorfit.base.names import unknown_name
-from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.rows import Experiment
 
 Wanted = str | float | tuple[float, float] | Sequence[str] | Sequence[float]
@@ -31,14 +30,15 @@ def selected(
     for name, unwanted in (exclude or {}).items():
         keep &= ~_matches(test, name, unwanted)
     if drop_near_1x:
-        if not isinstance(test, PerturbationTest) or test.synchronous:
+        responses = test.perturbation
+        if responses is None or test.synchronous:
             raise ValueError(
                 f"{test.source or 'the test'}: readings near 1x can be dropped from nonsynchronous perturbation tests "
                 "only"
             )
         if not 0 < drop_near_1x < 1:
             raise ValueError(f"drop_near_1x is a fraction of the speed, above 0 and below 1; got {drop_near_1x:g}")
-        keep &= ~(np.abs(np.abs(test.frequency) - test.speed) < drop_near_1x * test.speed)
+        keep &= ~(np.abs(np.abs(responses.frequency) - test.speed) < drop_near_1x * test.speed)
     return _kept(test, keep, "the selection")
 
 
@@ -83,9 +83,8 @@ def _matches(test: Experiment, name: str, wanted: Wanted) -> Bool:
             hit = np.isclose(values.astype(float), number, rtol=1e-6)
         else:
             hit = np.asarray(values == str(one))
-            if name == "force_plane" and isinstance(test, PerturbationTest):
-                further = test.further_forces.tolist()
-                hit |= np.array([any(str(one) == plane for plane, *_ in acting) for acting in further], dtype=bool)
+            if name == "force_plane":
+                hit |= test.forced_at(str(one))
         if not hit.any():
             distinct = [str(v) for v in dict.fromkeys(values.tolist())]
             raise ValueError(f"{test.source or 'the test'}: {unknown_name(name, str(one), distinct[:40])}")

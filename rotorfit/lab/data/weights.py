@@ -216,8 +216,8 @@ def differenced(test: PerturbationTest) -> PerturbationTest:
 
 def solved_together(experiment: Experiment) -> Influences | None:
     """Influences of weights at dwell speeds, also where their noise is not known; None where none are to be solved."""
-    test = experiment
-    if not isinstance(test, PerturbationTest) or not test.synchronous or DIFFERENCED in test.attributes:
+    test = experiment.perturbation
+    if test is None or not test.synchronous or DIFFERENCED in test.attributes:
         return None
     finite = np.isfinite(test.response).all() and np.isfinite(test.force).all()
     if not dwells(test) or not finite or not (test.speed > 0).all():

@@ -27,8 +27,8 @@ STORABLE: dict[str, type[Any]] = {kind.__name__: kind for kind in _KINDS}
 _TYPES = {"Text": str, "Float": float, "ComplexArray": complex}
 
 
-def column_types(kind: type[Any]) -> dict[str, type]:
-    """Columns of an experiment class and whether they are text, real or complex."""
+def column_types(kind: Experiment | type[Experiment]) -> dict[str, type]:
+    """Columns of an experiment, or of its class, and whether they are text, real or complex."""
     no_columns = ("source", "attributes", "further_forces", "speed_tolerance")
     return {f.name: _TYPES[str(f.type)] for f in fields(kind) if f.name not in no_columns}
 

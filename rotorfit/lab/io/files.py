@@ -155,8 +155,8 @@ def read(
         "slow_roll_below_rpm": slow_roll_below_rpm,
         "probe_angles": probe_angles,
     }
-    if isinstance(test, PerturbationTest):
-        test = _corrected(test, *corrections.values())
+    if (responses := test.perturbation) is not None:
+        test = responses = _corrected(responses, *corrections.values())
         if difference and test.synchronous:
             apart = differenced(test)
             if apart is not test and (pairs := uneven_weights(test)):

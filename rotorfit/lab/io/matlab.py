@@ -34,7 +34,7 @@ def write_mat(experiment: Experiment, path: str | Path) -> None:
     experiment = experiment.stored_rows()
     names = list(experiment.attributes)
     variables: dict[str, Any] = {"kind": type(experiment).__name__, "attribute_names": np.array(names, dtype=object)}
-    for name in column_types(type(experiment)):
+    for name in column_types(experiment):
         variables[name] = _stored(getattr(experiment, name))
     for number, name in enumerate(names, 1):
         variables[f"attribute_{number}"] = _stored(experiment.attributes[name])

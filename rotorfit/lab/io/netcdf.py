@@ -44,7 +44,7 @@ def write_netcdf(experiment: Experiment, path: str | Path) -> None:
 
     experiment = experiment.stored_rows()
     variables: dict[str, Any] = {}
-    for name, kind in column_types(type(experiment)).items():
+    for name, kind in column_types(experiment).items():
         values = getattr(experiment, name)
         units = {"units": _UNITS[name]} if name in _UNITS else {}
         if kind is complex:

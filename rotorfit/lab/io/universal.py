@@ -39,21 +39,22 @@ def write_uff(experiment: Experiment, path: str | Path) -> None:
     """Write a perturbation test as a universal file in ASCII, 12 digits (abscissa, by the format, 6)."""
     import pyuff
 
-    if not isinstance(experiment, PerturbationTest):
+    test = experiment.perturbation
+    if test is None:
         raise ValueError(f"a universal file holds perturbation tests only, not {type(experiment).__name__}; use netCDF")
-    _refuse(experiment)
-    planes = tuple(dict.fromkeys([*experiment.planes, *experiment.force_planes]))
+    _refuse(test)
+    planes = tuple(dict.fromkeys([*test.planes, *test.force_planes]))
     # one channel, run, force plane, whirl direction and, unless it is swept, speed are one FRF
-    speed = [0.0] * len(experiment) if experiment.synchronous else experiment.set_speed.tolist()
+    speed = [0.0] * len(test) if test.synchronous else test.set_speed.tolist()
     names = ("run", "force_plane", "force_direction", "plane", "direction")
-    keys = zip(*[getattr(experiment, name).tolist() for name in names], experiment.frequency < 0, speed, strict=True)
+    keys = zip(*[getattr(test, name).tolist() for name in names], test.frequency < 0, speed, strict=True)
     series: dict[Any, list[int]] = {}
     for row, key in enumerate(keys):
         series.setdefault(key, []).append(row)
     records = [
         record
         for number, rows in enumerate(series.values(), 1)
-        for record in _records(experiment, np.array(rows), planes, number)
+        for record in _records(test, np.array(rows), planes, number)
     ]
     pyuff.UFF(str(path)).write_sets(records, mode="overwrite")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -35,6 +35,7 @@ class DisplacementTest(Experiment):
     """
 
     title: ClassVar[str] = "displacement-in test"
+    reads: ClassVar[Literal["motion", "force", ""]] = "force"
 
     frequency: Float
     plane: Text

@@ -90,6 +90,8 @@ class RingDownTest(Experiment):
     """
 
     title: ClassVar[str] = "ring-down records"
+    reducer: ClassVar[str] = "ring_downs"
+    tells_noise: ClassVar[bool] = True
 
     time: Float
     x: Float

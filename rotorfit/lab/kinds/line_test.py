@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -40,6 +41,7 @@ class LineTest(Experiment):
     """
 
     title: ClassVar[str] = "line test"
+    reducer: ClassVar[str] = "shaft_lines"
     START_UP: ClassVar[int] = 5  # speeds of a line without force from which it was read over a start-up
 
     frequency: Float
@@ -65,6 +67,22 @@ class LineTest(Experiment):
     def observe(self, model: RotorModel, group: Index) -> Block:
         """See any experiment."""
         return _observed(self, model, group)
+
+    @property
+    def reduced_with(self) -> Mapping[str, float]:
+        """The run-out, um."""
+        values = self.attributes.get("runout_um")
+        return {} if values is None else {"runout_um": float(values[0])}
+
+    @property
+    def reads_twist(self) -> bool:
+        """See any experiment."""
+        return bool((self.direction == "twist").any())
+
+    @property
+    def reads_start_up(self) -> bool:
+        """See any experiment."""
+        return min(np.unique(self.speed[self.line == name]).size for name in ("1x", "2x")) >= self.START_UP
 
     def unread(self, sigma: Float) -> Experiment:
         """See any experiment."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -34,6 +34,8 @@ class StaticTest(Experiment):
     """
 
     title: ClassVar[str] = "static-load test"
+    reads: ClassVar[Literal["motion", "force", ""]] = "motion"
+    reducer: ClassVar[str] = "static_positions"
 
     load_plane: Text
     load: ComplexArray

@@ -49,11 +49,12 @@ def usable(model: RotorModel, test: Experiment) -> tuple[Experiment, tuple[str, 
     return clear, tuple(filter(None, (beyond, jumped)))
 
 
-def _off_jumps(model: RotorModel, test: Experiment) -> tuple[Experiment, str]:
+def _off_jumps(model: RotorModel, given: Experiment) -> tuple[Experiment, str]:
     """A test without the last two lines before each jump of a sweep, and a sentence: the orbit's slopes are infinite at
     a branch's end, where a search stalls. Lines are taken to be in the order swept."""
-    if not isinstance(test, PerturbationTest):
-        return test, ""
+    test = given.perturbation
+    if test is None:
+        return given, ""
     moving = np.flatnonzero(test.plane == model.coordinates[journal(model).at].plane)
     if test.static_position is not None or not moving.size:
         return test, ""

@@ -14,7 +14,6 @@ from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.identify.fitting.result import FitResult
-from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.io.tables.kinds import columns_of
 from rotorfit.show.report.html import Html, element
@@ -136,7 +135,7 @@ def _readings(experiment: Experiment, base: Responses) -> list[tuple[str, str, s
     """Of each reading: its frequency and speed, its run, and the rows of the data that it was made from."""
     columns = {**experiment.attributes, **columns_of(experiment)}
     rows = list(zip(*(values.tolist() for values in columns.values()), strict=True))
-    line = experiment.lines.apart()[0] if isinstance(experiment, PerturbationTest) else np.arange(len(rows))
+    line = experiment.line_of_rows
     of_line: dict[tuple[int, str], list[str]] = {}
     for number, (at, plane, row) in enumerate(zip(line.tolist(), columns["plane"].tolist(), rows, strict=True)):
         cells = ", ".join(

@@ -9,7 +9,6 @@ import numpy as np
 
 from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.lab.kinds.line_test import LineTest
 from rotorfit.show.report.figures import embedded
 from rotorfit.show.report.html import Html, bullets, element, paragraph, table
 from rotorfit.show.report.material import ReportInput
@@ -66,7 +65,7 @@ def recordings_section(material: ReportInput) -> Iterator[Html]:
 
 def _done(record: Recording, material: ReportInput) -> str:
     """The function that made experiments of a recording."""
-    if any(isinstance(test, LineTest) for test in material.fit.experiments):
+    if any(test.reducer == "shaft_lines" for test in material.fit.experiments):
         return _BY_LINES  # the weight of the shaft and its own unbalance may be all that drives it
     from rotorfit.lab.recordings.reduction.responses import BLOWS, LOADS, kind_of  # loads half of SciPy
 

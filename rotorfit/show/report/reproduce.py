@@ -17,11 +17,7 @@ from rotorfit.identify.fitting.causes.calibration import Calibration
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import FitOptions, FitSettings
 from rotorfit.identify.options.table import SHAFT, command_words
-from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.rows import Experiment
-from rotorfit.lab.kinds.free_vibration import RingDownTest
-from rotorfit.lab.kinds.line_test import LineTest
-from rotorfit.lab.kinds.static_test import StaticTest
 from rotorfit.lab.recordings.formats.files import ALWAYS_RAW
 from rotorfit.models import LAWS, MODELS, KnownStructure, Law, Orthotropic, RotorModel
 from rotorfit.show.report.html import Html, element, paragraph
@@ -76,14 +72,8 @@ def _source(experiment: Experiment) -> str:
     files, setup = recorded
     rest = f", {setup!r}" if setup else ""
     records = f"[{', '.join(f'rf.read_recording({name!r}{rest})' for name in files)}]"
-    if not isinstance(experiment, LineTest):
-        return f"rf.{_REDUCED.get(type(experiment), 'responses')}({records})"
-    runout = _runout(experiment)
-    return f"rf.shaft_lines({records}{'' if runout is None else f', runout_um={runout:g}'})"
-
-
-_REDUCED: Mapping[type, str] = {StaticTest: "static_positions", RingDownTest: "ring_downs"}
-"""Functions that reduce recordings to experiments, where it is not ``rf.responses``."""
+    options = "".join(f", {name}={value:g}" for name, value in experiment.reduced_with.items())
+    return f"rf.{experiment.reducer}({records}{options})"
 
 
 def _recorded(source: str) -> tuple[list[str], str] | None:
@@ -91,12 +81,6 @@ def _recorded(source: str) -> tuple[list[str], str] | None:
     names, _, setup = source.partition(" with ")
     files = names.split(", ")
     return (files, setup) if all(Path(name).suffix.lower() in ALWAYS_RAW for name in files) or setup else None
-
-
-def _runout(experiment: Experiment) -> float | None:
-    """Run-out that lines of a recorded shaft were made with."""
-    values = experiment.attributes.get("runout_um") if isinstance(experiment, LineTest) else None
-    return None if values is None else float(values[0])
 
 
 def _calls(material: ReportInput) -> Iterator[str]:
@@ -145,8 +129,8 @@ def _shown(value: Any) -> str:
         return "{" + ", ".join(f"{k!r}: {_shown(v)}" for k, v in value.items()) + "}"
     if isinstance(value, np.ndarray):
         return f"<array {' × '.join(map(str, value.shape))}>"
-    if isinstance(value, PerturbationTest) or hasattr(value, "dist"):
-        return _source(value) if isinstance(value, PerturbationTest) else _distribution(value)
+    if isinstance(value, Experiment) or hasattr(value, "dist"):
+        return _source(value) if isinstance(value, Experiment) else _distribution(value)
     if isinstance(value, RotorModel):
         return _model_shown(value)
     if isinstance(value, Law | Calibration):
@@ -195,7 +179,7 @@ def _command(material: ReportInput) -> str:
     if not expressible:
         return ""
     asked: dict[str, Any] = {
-        "runout_um": next((r for r in map(_runout, fit.experiments) if r is not None), None),
+        "runout_um": next((e.reduced_with["runout_um"] for e in fit.experiments if e.reduced_with), None),
         **options,
         "orthotropic": supports,
         "law": options["law"].name if "law" in options else "",

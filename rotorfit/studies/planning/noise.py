@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Real
-from typing import TypeAlias, TypeGuard
+from typing import TypeAlias
 
 import numpy as np
 
@@ -20,9 +20,6 @@ from rotorfit.identify.fitting.problem_setup import build_problem
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.rows import Experiment
-from rotorfit.lab.kinds.displacement_test import DisplacementTest
-from rotorfit.lab.kinds.free_vibration import RingDownTest
-from rotorfit.lab.kinds.static_test import StaticTest
 
 _RUN_SHARES = {kind.removeprefix("run_"): kind for kind in RUN_KINDS}
 
@@ -49,7 +46,7 @@ class NoiseOfFit:
         parts = []
         for block, one, test in zip(fit.problem.blocks, alone.blocks, tests, strict=True):
             base, unit = block.responses, one.responses
-            if base is None or unit is None or not _is_swept(test):
+            if base is None or unit is None or test.perturbation is None:
                 continue
             at = [base.model.coordinates[k] for k in base.coordinate.tolist()]
             places += [(run, c.plane, c.axis == "r") for run, c in zip(base.run.tolist(), at, strict=True)]
@@ -78,12 +75,8 @@ class NoiseOfFit:
         return np.array(found)
 
 
-def _is_swept(test: Experiment) -> TypeGuard[PerturbationTest]:
-    return isinstance(test, PerturbationTest)
-
-
 def _with_unit_noise(test: Experiment) -> Experiment:
-    return replace(test, sigma=np.ones(len(test))) if _is_swept(test) else test
+    return test.corrected(lambda responses: replace(responses, sigma=np.ones(len(responses))))
 
 
 def _constant_and_share(places: Sequence[Place], square: Float, size: Float) -> tuple[dict[Place, float], float]:
@@ -130,13 +123,13 @@ class PlannedNoise:
 
     def of_rows(self, test: Experiment) -> Float:
         """Noise of the rows of a test that does not depend on its readings, in their unit; what it says, else NaN."""
-        if isinstance(test, RingDownTest):
-            return np.full(len(test), np.nan)  # its records tell
+        if test.tells_noise:
+            return np.full(len(test), np.nan)
         given = np.array(getattr(test, "sigma", np.full(len(test), np.nan)), dtype=float)
-        if self.found is not None and _is_swept(test):
-            given = np.where(self.is_found(test), self.found.of_rows(test), given)
-        if isinstance(test, PerturbationTest | StaticTest) and self.additive is not None:
-            planes = test.plane.tolist()
+        if self.found is not None and (responses := test.perturbation) is not None:
+            given = np.where(self.is_found(test), self.found.of_rows(responses), given)
+        if test.reads == "motion" and self.additive is not None:
+            planes = test.plane_of_rows.tolist()
             sizes = self.additive if isinstance(self.additive, Mapping) else dict.fromkeys(planes, self.additive)
             for plane in dict.fromkeys(planes):
                 if plane not in sizes:
@@ -144,19 +137,20 @@ class PlannedNoise:
             return np.array([float(sizes[plane]) * 1e-6 for plane in planes])
         if np.isfinite(given).all():
             return given
-        if isinstance(test, PerturbationTest | StaticTest | DisplacementTest) and (self.share or self.common):
+        if test.reads and (self.share or self.common):
             no_noise = 1e-30  # noise of readings, m, whose noise is a share of the response alone: far below it
             return np.where(np.isfinite(given), given, no_noise)
-        way_out = "noise_um= or noise_share=" if isinstance(test, PerturbationTest | StaticTest) else "its sigma"
+        way_out = "noise_um= or noise_share=" if test.reads == "motion" else "its sigma"
         raise ValueError(f"{test.source or test.title}: the noise of its readings is not known; give {way_out}")
 
     def is_found(self, test: Experiment) -> Bool:
         """Rows of a test whose noise is that of the earlier fit: of its responses, and where the test says none."""
-        if self.found is None or not _is_swept(test):
+        responses = test.perturbation
+        if self.found is None or responses is None:
             return np.zeros(len(test), dtype=bool)
         names = [(run, plane) for run, plane, _ in self.found.constant]
-        read = [pair in names for pair in zip(test.run.tolist(), test.plane.tolist(), strict=True)]
-        return np.array(read) | np.isnan(test.sigma)
+        read = [pair in names for pair in zip(responses.run.tolist(), responses.plane.tolist(), strict=True)]
+        return np.array(read) | np.isnan(responses.sigma)
 
     def share_of(self, test: Experiment) -> float:
         """Noise of each reading of a test over its size."""

@@ -13,7 +13,7 @@ from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.fitting.causes.table import size_of
-from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest, perturbations
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.observing.circular import first_rows
 from rotorfit.models.motion.stability import decay_rate
@@ -45,7 +45,7 @@ class Addition:
 
 def additions(task: Task, plan: Plan, wanted: float | None) -> list[str]:
     """Sentences on runs that would be worth adding, best first, and on what would settle what stays open."""
-    tests = [t for t in task.patterns if isinstance(t, PerturbationTest) and not t.synchronous and t.force.any()]
+    tests = [t for t in perturbations(task.patterns) if not t.synchronous and t.force.any()]
     tests = [t for t in tests if t.static_position is None and not t.linear.any()]
     if not tests:
         return _settled(plan, [], False)
