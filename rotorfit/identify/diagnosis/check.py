@@ -14,20 +14,18 @@ from numpy.typing import NDArray
 from rotorfit.base.array_types import Bool
 from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.identify.diagnosis.forces import exchanged_axes, force_along_axis, turning_force
+from rotorfit.identify.diagnosis.imposed import imposed_orbits
 from rotorfit.identify.diagnosis.orbits import orbits_of
-from rotorfit.identify.diagnosis.other_kinds import free_vibration, imposed_orbits, static_positions
 from rotorfit.identify.diagnosis.plan import plan
 from rotorfit.identify.diagnosis.probe_pairs import reciprocity, uneven_probes
-from rotorfit.identify.diagnosis.readings import amplitudes, clipped, copied_readings, rows_of, unread
+from rotorfit.identify.diagnosis.readings import amplitudes, clipped, copied_readings, unread
 from rotorfit.identify.diagnosis.signs import half_turns, signs, wrong_direction
 from rotorfit.lab.data.experiments import PerturbationTest
-from rotorfit.lab.data.findings import DataWarning, Finding, errors_first, listed
+from rotorfit.lab.data.findings import DataWarning, Finding, errors_first, listed, rows_of
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.weights import dwells
 from rotorfit.lab.io import files
 from rotorfit.lab.kinds.displacement_test import DisplacementTest
-from rotorfit.lab.kinds.free_vibration import ImpulseTest, RingDownTest
-from rotorfit.lab.kinds.static_test import StaticTest
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -78,16 +76,15 @@ def check(test: Experiment) -> list[Finding]:
 
 
 def _of_its_kind(test: Experiment) -> Iterator[Finding]:
-    match test:
-        case PerturbationTest() | DisplacementTest():
-            yield from copied_readings(test)
-            yield from amplitudes(test)
-            yield from plan(test)
-            yield from _physics(test) if isinstance(test, PerturbationTest) else imposed_orbits(test)
-        case StaticTest():
-            yield from static_positions(test)
-        case ImpulseTest() | RingDownTest():
-            yield from free_vibration(test)
+    yield from test.own_findings()
+    if test.swept:
+        yield from copied_readings(test)
+        yield from amplitudes(test)
+        yield from plan(test)
+    if (responses := test.perturbation) is not None:
+        yield from _physics(responses)
+    elif isinstance(test, DisplacementTest):
+        yield from imposed_orbits(test)
 
 
 def _physics(test: PerturbationTest) -> Iterator[Finding]:

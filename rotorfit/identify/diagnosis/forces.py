@@ -20,9 +20,8 @@ from rotorfit.estimators.noise.sweep_noise import noise_from_smoothness
 from rotorfit.estimators.signals.ratios import best_ratio
 from rotorfit.identify.diagnosis.orbits import FEWEST_READINGS, Orbits, enough, total_power
 from rotorfit.identify.diagnosis.probe_pairs import LARGEST_REDCHI
-from rotorfit.identify.diagnosis.readings import rows_of
 from rotorfit.lab.data.experiments import PerturbationTest
-from rotorfit.lab.data.findings import Finding, listed
+from rotorfit.lab.data.findings import Finding, listed, rows_of
 from rotorfit.lab.data.linear_force import probe_pairs
 
 BACKWARD_SHARES = (0.05, 0.95)

@@ -11,18 +11,17 @@ from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.blocks.row_keys import rows_by, words
 from rotorfit.estimators.signals.ring_down import fit_ramp
 from rotorfit.identify.diagnosis.orbits import SYNCHRONOUS_DISTANCE
-from rotorfit.identify.diagnosis.readings import rows_of
 from rotorfit.lab.data.experiments import PerturbationTest, plane_groups
-from rotorfit.lab.data.findings import Finding, listed
+from rotorfit.lab.data.findings import Finding, listed, rows_of
+from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.synchronous import DIFFERENCED
 from rotorfit.lab.data.weights import Influences, solved_together
-from rotorfit.lab.kinds.displacement_test import DisplacementTest
 
 _ONE = np.array([1.0, 60.0, RPM_PER_RAD_S])
 """One rpm, Hz and rad/s in rpm."""
 
 
-def plan(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
+def plan(test: Experiment) -> Iterator[Finding]:
     """Speeds, frequencies, planes and start-ups that a fit can do less with, which is no error."""
     try:
         influences = solved_together(test)
@@ -31,19 +30,19 @@ def plan(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
     yield from _filled(test)
     yield from _units(test)
     yield from _frequencies(test, influences)
-    if isinstance(test, PerturbationTest):
-        yield from _planes(test)
-        if test.synchronous:
-            yield from _start_ups(test, influences)
-            yield from _ramps(test)
+    if (responses := test.perturbation) is not None:
+        yield from _planes(responses)
+        if responses.synchronous:
+            yield from _start_ups(responses, influences)
+            yield from _ramps(responses)
 
 
-def _filled(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
+def _filled(test: Experiment) -> Iterator[Finding]:
     """Speeds that rise by one from row to row, as where a spreadsheet continued a number downwards."""
     step = np.diff(test.speed) * RPM_PER_RAD_S
     if not step.any():
         return
-    inside = (test.run[1:] == test.run[:-1]) & (np.abs(test.frequency - test.speed)[1:] > 0)
+    inside = (test.run[1:] == test.run[:-1]) & (np.abs(test.frequencies - test.speed)[1:] > 0)
     ones = np.isclose(step[:, None], _ONE, rtol=1e-6).any(axis=1)
     names, number = words(test.run)
     of = number[1:][inside]
@@ -59,9 +58,9 @@ def _filled(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
         yield Finding("warning", "filled-speed", text, rows_of(np.isin(test.run, runs)))
 
 
-def _units(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
+def _units(test: Experiment) -> Iterator[Finding]:
     """Frequencies far below the speeds, as where they are in Hz and read as rpm."""
-    highest, fastest = float(np.abs(test.frequency).max()), float(np.abs(test.speed).max())
+    highest, fastest = float(np.abs(test.frequencies).max()), float(np.abs(test.speed).max())
     # Highest frequency of a test over the highest speed below which it is likely in another unit: whirl by the fluid,
     # near half the speed, is out of reach of such a test, and in Hz for rpm a sixtieth is left of what was meant
     least_frequency_ratio = 0.1
@@ -74,19 +73,17 @@ def _units(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
         yield Finding("warning", "frequency-unit", text, undo="frequency_hz, speed_hz")
 
 
-def _frequencies(test: PerturbationTest | DisplacementTest, influences: Influences | None) -> Iterator[Finding]:
-    w, speed = np.abs(test.frequency), np.abs(test.speed)
+def _frequencies(test: Experiment, influences: Influences | None) -> Iterator[Finding]:
+    w, speed = np.abs(test.frequencies), np.abs(test.speed)
     near = (speed != 0) & (np.abs(w - speed) <= SYNCHRONOUS_DISTANCE * speed)
-    synchronous, both_ways = False, False
-    if isinstance(test, PerturbationTest):
-        synchronous, both_ways = test.synchronous, bool(test.linear.any())
+    synchronous, both_ways = test.synchronous, test.drives_both_ways
     if near.any() and not synchronous:
         text = (
             f"Near 1x: {near.sum()} readings are at once-per-turn frequency, where run-out and residual unbalance add "
             "to the response. Subtract the slow roll (slow_roll=, --slow-roll-below), or remove them."
         )
         yield Finding("warning", "near-1x", text, rows_of(near), undo="slow_roll, drop_near_1x")
-    forward, backward = np.all(test.frequency >= 0), np.all(test.frequency <= 0)
+    forward, backward = np.all(test.frequencies >= 0), np.all(test.frequencies <= 0)
     if not synchronous and not both_ways and (forward or backward):
         there, lacking = ("forward", "backward") if forward else ("backward", "forward")
         text = (
@@ -95,7 +92,7 @@ def _frequencies(test: PerturbationTest | DisplacementTest, influences: Influenc
         )
         yield Finding("warning", "one-direction", text)
     runs = rows_by(words(test.run)[1])
-    single = [str(test.run[own[0]]) for own in runs if np.ptp(np.round(test.frequency[own], 6)) == 0]
+    single = [str(test.run[own[0]]) for own in runs if np.ptp(np.round(test.frequencies[own], 6)) == 0]
     if single and influences is None:
         text = f"Runs with one frequency only: {listed(single)}; they cannot show how dynamic stiffness varies with it."
         yield Finding("warning", "single-frequency", text, rows_of(np.isin(test.run, single)))

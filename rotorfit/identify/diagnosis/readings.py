@@ -8,13 +8,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rotorfit.base.array_types import Bool, Float, Index
+from rotorfit.base.array_types import Float, Index
 from rotorfit.base.digits import significant
 from rotorfit.estimators.blocks.row_keys import combined, rows_by, words
 from rotorfit.lab.data.experiments import PerturbationTest
-from rotorfit.lab.data.findings import NO_COPIES, Finding, listed
+from rotorfit.lab.data.findings import NO_COPIES, Finding, listed, rows_of
 from rotorfit.lab.data.rows import Experiment
-from rotorfit.lab.kinds.displacement_test import DisplacementTest
 
 _LAST_DIGIT = 1e-9  # relative difference of what is equal to the last digit
 _CLIPPED_READINGS, _CLIPPED_IN_A_ROW = 4, 3
@@ -23,7 +22,7 @@ _ROUNDING_STEPS = 5.0  # steps of rounding by which readings beside a hole or a 
 _AMPLITUDES_COMPARED = 20  # distinct amplitudes that show the step
 
 
-def amplitudes(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
+def amplitudes(test: Experiment) -> Iterator[Finding]:
     """Amplitudes that are too large or too small to be true, which no fit notices: stiffnesses are scaled alike."""
     lever = 0.1  # lever of slopes, m: one of 0.25 rad is as impossible as a displacement of 25 mm
     size = np.abs(test.motion) * np.where(test.lateral, 1.0, lever)
@@ -48,7 +47,7 @@ def amplitudes(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
         yield Finding("warning", "small-amplitude", text)
 
 
-def copied_readings(test: PerturbationTest | DisplacementTest) -> Iterator[Finding]:
+def copied_readings(test: Experiment) -> Iterator[Finding]:
     """Readings, and runs, that are there twice."""
     read = test.motion
     if not (np.diff(np.sort(read.real)) == 0).any():
@@ -172,11 +171,6 @@ def clipped(test: PerturbationTest) -> Iterator[Finding]:
             "the end of its range. Remove these rows."
         )
         yield Finding("error", "clipped", text, tuple(cut.tolist()), undo="remove these rows")
-
-
-def rows_of(mask: Bool) -> tuple[int, ...]:
-    """Numbers of the rows that a mask names."""
-    return tuple(np.flatnonzero(mask).tolist())
 
 
 def _probes(test: PerturbationTest, rows: Index) -> str:

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Bool, ComplexArray, Float, Index, Records, Text
@@ -16,6 +17,7 @@ from rotorfit.estimators.blocks.row_keys import distinguished, words
 from rotorfit.estimators.blocks.set_speeds import once_per_turn
 from rotorfit.lab.data.lines import Lines, lines_of
 from rotorfit.lab.data.rows import PLACEHOLDER, Experiment
+from rotorfit.lab.data.table_columns import FORCED, Layout, in_units_of
 
 if TYPE_CHECKING:
     from rotorfit.estimators.blocks.observations import Block
@@ -66,6 +68,7 @@ class PerturbationTest(Experiment):
     """
 
     title: ClassVar[str] = "perturbation test"
+    layout: ClassVar[Layout] = Layout(columns=FORCED)
     reads: ClassVar[Literal["motion", "force", ""]] = "motion"
 
     frequency: Float
@@ -122,9 +125,23 @@ class PerturbationTest(Experiment):
         return np.array([any(plane == at for at, *_ in more) for more in self.further_forces.tolist()], dtype=bool)
 
     @property
+    def drives_both_ways(self) -> bool:
+        """See any experiment."""
+        return bool(self.linear.any())
+
+    @property
     def line_of_rows(self) -> Index:
         """See any experiment."""
         return self.lines.apart()[0]
+
+    def table_columns(self) -> dict[str, NDArray[Any]]:
+        """See any experiment: of several forces the first."""
+        found = super().table_columns()
+        if self.linear.any():
+            found["force_direction"] = self.force_direction
+        noise = {"sigma": self.sigma} if np.isfinite(self.sigma).any() else {}
+        found |= in_units_of(self.direction, {"amplitude": np.abs(self.response), **noise})
+        return found | {"phase_deg": np.degrees(np.angle(self.response))}
 
     def unread(self, sigma: Float) -> PerturbationTest:
         """See any experiment."""

@@ -11,6 +11,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.base.array_types import Bool
+
 _PACKAGE = __name__.partition(".")[0]
 
 
@@ -91,6 +93,11 @@ def _places(what: str, places: Sequence[int]) -> str:
 def listed(names: Sequence[str]) -> str:
     """Names with commas between, the first six of them."""
     return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+
+
+def rows_of(mask: Bool) -> tuple[int, ...]:
+    """Numbers of the rows that a mask names."""
+    return tuple(np.flatnonzero(mask).tolist())
 
 
 def errors_first(findings: Iterable[Finding]) -> list[Finding]:

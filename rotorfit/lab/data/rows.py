@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from html import escape
@@ -17,12 +17,14 @@ from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.blocks.row_keys import numbers, words
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE, set_speeds
+from rotorfit.lab.data.table_columns import RUN, Layout
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
     from rotorfit.estimators.blocks.observations import Block
     from rotorfit.lab.data.experiments import PerturbationTest
+    from rotorfit.lab.data.findings import Finding
     from rotorfit.models import RotorModel
 
 
@@ -52,6 +54,7 @@ class Experiment(ABC):
     """Read-only arrays of one length, one row a reading."""
 
     title: ClassVar[str]
+    layout: ClassVar[Layout]  # its columns in a tidy table
     reads: ClassVar[Literal["motion", "force", ""]] = ""  # what a row reads whose noise may grow with it
     reducer: ClassVar[str] = "responses"  # the function of rotorfit that makes such tests of recordings
     tells_noise: ClassVar[bool] = False  # whether its rows are records that show their noise
@@ -70,6 +73,11 @@ class Experiment(ABC):
             model: the rotor.
             group: parameter group of each row, shape ``(R,)``.
         """
+
+    def table_columns(self) -> dict[str, NDArray[Any]]:
+        """Columns of a tidy CSV by name, in rpm, um (urad for slopes and twist), N, degrees and s."""
+        columns = (*RUN, *self.layout.columns)
+        return {name: own for one in columns for name, own in one.written(getattr(self, one.name)).items()}
 
     @property
     def perturbation(self) -> PerturbationTest | None:
@@ -91,6 +99,20 @@ class Experiment(ABC):
             plane: its name.
         """
         return np.zeros(len(self), dtype=bool)
+
+    @property
+    def swept(self) -> bool:
+        """True if every row is of one frequency of a motion that was driven or imposed."""
+        return self.motion.size == self.frequencies.size > 0
+
+    @property
+    def drives_both_ways(self) -> bool:
+        """True if a force does not turn, so that motion forward and backward answers to it."""
+        return False
+
+    def own_findings(self) -> Iterator[Finding]:
+        """What is wrong or odd about such a test in particular, of rows that are finite."""
+        return iter(())
 
     @property
     def line_of_rows(self) -> Index:

@@ -11,8 +11,12 @@ from rotorfit.base.array_types import Float, Index
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.blocks.small_motion import JournalCoefficients
 from rotorfit.lab.data.rows import Experiment
+from rotorfit.lab.data.table_columns import ECCENTRICITY, PURE, Column, Layout, noise
 from rotorfit.lab.observing.rows import check_finite, of_rows
 from rotorfit.models import RotorModel
+
+_UNITS = {"kxx": "N_m", "kxy": "N_m", "cxx": "N_s_m", "cxy": "N_s_m", "mxx": "kg"}
+"""Unit by coefficient."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -34,6 +38,17 @@ class CoefficientTable(Experiment):
     """
 
     title: ClassVar[str] = "table of coefficients"
+    layout: ClassVar[Layout] = Layout(
+        columns=(
+            Column("eccentricity", (ECCENTRICITY,)),
+            *(Column(name, ((name, unit, {unit.lower(): 1.0}),)) for name, unit in _UNITS.items()),
+            noise("ratio", PURE),
+        ),
+        marks=("kxx_",),
+        run="",
+        known="speed_rpm, eccentricity_ratio, kxx_N_m, kxy_N_m, cxx_N_s_m, cxy_N_s_m, mxx_kg, "
+        "optional run, sigma_ratio",
+    )
 
     eccentricity: Float
     kxx: Float

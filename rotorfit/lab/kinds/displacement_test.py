@@ -8,11 +8,13 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from rotorfit.base.array_types import ComplexArray, Float, Index, Text
+from rotorfit.base.units import UNITS
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.lab.data.linear_force import directional, directional_noise
 from rotorfit.lab.data.rows import PLACEHOLDER, Experiment
+from rotorfit.lab.data.table_columns import FREQUENCY, Column, Layout, noise
 from rotorfit.lab.observing.circular import rows_in_words, with_noise
 from rotorfit.lab.observing.rows import check_clearance, of_rows
 from rotorfit.models import RotorModel
@@ -35,6 +37,28 @@ class DisplacementTest(Experiment):
     """
 
     title: ClassVar[str] = "displacement-in test"
+    layout: ClassVar[Layout] = Layout(
+        columns=(
+            Column("frequency", (FREQUENCY,)),
+            Column("plane"),
+            Column(
+                "displacement",
+                (("amplitude", "um", UNITS["displacement"]), ("phase", "deg", UNITS["phase"])),
+                polar=True,
+            ),
+            *(
+                Column(name, ((name, "N", UNITS["force"]), (f"{name}_phase", "deg", UNITS["phase"])), polar=True)
+                for name in ("force_x", "force_y")
+            ),
+            noise("N", UNITS["force"]),
+        ),
+        marks=("force_x_", "force_y_"),
+        run="",
+        known=(
+            "run, speed_rpm, frequency_rpm, plane, amplitude_um, phase_deg, force_x_N, force_x_phase_deg, force_y_N, "
+            "force_y_phase_deg, optional sigma_N"
+        ),
+    )
     reads: ClassVar[Literal["motion", "force", ""]] = "force"
 
     frequency: Float

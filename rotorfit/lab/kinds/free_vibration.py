@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorfit.base.array_types import ComplexArray, Float, Index
+from rotorfit.base.digits import significant
+from rotorfit.base.units import RPM_PER_RAD_S, UNITS
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.blocks.row_keys import distinguished
 from rotorfit.estimators.blocks.small_motion import FreeVibrations
+from rotorfit.lab.data.findings import Finding, listed
 from rotorfit.lab.data.rows import Experiment
+from rotorfit.lab.data.table_columns import ECCENTRICITY, FREQUENCY, PURE, Column, Layout, X, Y, noise
 from rotorfit.lab.observing.rows import check_clearance, check_finite, of_rows, spread_of_repeats
 from rotorfit.models import RotorModel
 
@@ -34,6 +40,18 @@ class ImpulseTest(Experiment):
     """
 
     title: ClassVar[str] = "impulse test"
+    layout: ClassVar[Layout] = Layout(
+        columns=(
+            Column("frequency", (FREQUENCY,)),
+            Column("damping_ratio", (("damping", "ratio", PURE),)),
+            Column("eccentricity", (ECCENTRICITY,), needed=False),
+            Column("position", (X, Y)),
+            noise("rpm", UNITS["frequency"]),
+        ),
+        marks=("damping_ratio",),
+        run="impulse",
+        known="speed_rpm, frequency_rpm, damping_ratio, eccentricity_ratio (or x_um, y_um), optional run, sigma_rpm",
+    )
 
     frequency: Float
     damping_ratio: Float
@@ -69,6 +87,20 @@ class ImpulseTest(Experiment):
         """See any experiment."""
         return _observed(self, model, group)
 
+    def table_columns(self) -> dict[str, NDArray[Any]]:
+        """See any experiment.
+
+        Raises:
+            ValueError: some impulses have an eccentricity and others a position, which one column cannot say.
+        """
+        if 0 < np.isfinite(self.eccentricity).sum() < len(self):
+            raise ValueError("a CSV holds impulses with eccentricities or with positions, not some with either")
+        return super().table_columns()
+
+    def own_findings(self) -> Iterator[Finding]:
+        """See any experiment."""
+        return _odd_frequencies(self, "the frequency (frequency_rpm, frequency_hz)")
+
     def unread(self, sigma: Float) -> Experiment:
         """See any experiment."""
         return replace(self, sigma=sigma)
@@ -90,6 +122,17 @@ class RingDownTest(Experiment):
     """
 
     title: ClassVar[str] = "ring-down records"
+    layout: ClassVar[Layout] = Layout(
+        columns=(
+            Column("time", (("time", "s", {"s": 1.0, "ms": 1e-3, "us": 1e-6}),)),
+            Column("x", (X,)),
+            Column("y", (Y,)),
+            Column("eccentricity", (ECCENTRICITY,), needed=False),
+        ),
+        marks=("time_",),
+        run="ring-down",
+        known="speed_rpm, time_s, x_um, y_um, optional run, eccentricity_ratio",
+    )
     reducer: ClassVar[str] = "ring_downs"
     tells_noise: ClassVar[bool] = True
 
@@ -104,6 +147,17 @@ class RingDownTest(Experiment):
 
         _, first = np.unique(self.run, return_index=True)
         return ring_down_modes(self).observe(model, group[np.sort(first)])
+
+    def own_findings(self) -> Iterator[Finding]:
+        """See any experiment: records that show no mode, and those of the modes that they show."""
+        from rotorfit.lab.data.ring_down import ring_down_modes  # late: it knows these classes
+
+        try:
+            modes = ring_down_modes(self)
+        except ValueError as error:
+            yield Finding("error", "ring-down", f"A record of free vibration cannot be used: {error}.")
+            return
+        yield from _odd_frequencies(modes, "the time (time_s, time_ms)")
 
 
 def _observed(test: ImpulseTest, model: RotorModel, group: Index) -> FreeVibrations:
@@ -139,3 +193,19 @@ def _observed(test: ImpulseTest, model: RotorModel, group: Index) -> FreeVibrati
         measured=s,
         sigma=sigma,
     )
+
+
+def _odd_frequencies(test: ImpulseTest, unit: str) -> Iterator[Finding]:
+    """Frequencies in another unit than the speed, as the name of their column, or of the time's, says it."""
+    ratio = np.abs(test.frequency) / np.where(test.speed == 0, np.nan, np.abs(test.speed))
+    # Frequency of free vibration over the speed outside of which one of the two, or the time, has another unit
+    frequency_ratios = 0.02, 50.0
+    odd = np.flatnonzero((ratio < frequency_ratios[0]) | (ratio > frequency_ratios[1]))
+    if odd.size:
+        first, runs = int(odd[0]), list(dict.fromkeys(test.run[odd].tolist()))
+        text = (
+            f"Free vibration at {significant(abs(test.frequency[first]) * RPM_PER_RAD_S, 4)} cycles a minute, at a "
+            f"speed of {significant(abs(test.speed[first]) * RPM_PER_RAD_S, 4)} rpm, in {listed(runs)}. Check the unit "
+            f"of {unit}, or of the speed."
+        )
+        yield Finding("warning", "frequency-unit", text)

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorfit.base.array_types import ComplexArray, Float, Index, Text
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.row_keys import distinguished, words
 from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses, is_image_line
 from rotorfit.lab.data.rows import Experiment
+from rotorfit.lab.data.table_columns import FORCED, Layout, in_units_of
 from rotorfit.lab.observing.rows import check_finite, of_rows
 from rotorfit.models import AnisotropicShaft, RotorModel, Turning, TurningOnSupports
 from rotorfit.models.shafts.combination_lines import line_order
@@ -41,6 +43,7 @@ class LineTest(Experiment):
     """
 
     title: ClassVar[str] = "line test"
+    layout: ClassVar[Layout] = Layout(columns=FORCED)
     reducer: ClassVar[str] = "shaft_lines"
     START_UP: ClassVar[int] = 5  # speeds of a line without force from which it was read over a start-up
 
@@ -83,6 +86,11 @@ class LineTest(Experiment):
     def reads_start_up(self) -> bool:
         """See any experiment."""
         return min(np.unique(self.speed[self.line == name]).size for name in ("1x", "2x")) >= self.START_UP
+
+    def table_columns(self) -> dict[str, NDArray[Any]]:
+        """See any experiment."""
+        values = {"real": self.response.real, "imag": self.response.imag, "sigma": self.sigma}
+        return super().table_columns() | {"line": self.line} | in_units_of(self.direction, values)
 
     def unread(self, sigma: Float) -> Experiment:
         """See any experiment."""

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import numpy as np
 
-from rotorfit.base.array_types import ComplexArray, Float, Index, Text
+from rotorfit.base.array_types import Bool, ComplexArray, Float, Index, Text
+from rotorfit.base.units import UNITS
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Block, Responses
 from rotorfit.estimators.blocks.row_keys import distinguished
 from rotorfit.estimators.noise.sweep_noise import noise_from_smoothness
+from rotorfit.lab.data.findings import Finding, listed, rows_of
 from rotorfit.lab.data.rows import PLACEHOLDER, Experiment
+from rotorfit.lab.data.table_columns import Column, Layout, X, Y, noise
 from rotorfit.lab.observing.rows import check_clearance, check_finite, check_planes, of_rows, spread_of_repeats
 from rotorfit.models import RotorModel
 from rotorfit.models.motion.journal import journal
@@ -34,6 +38,19 @@ class StaticTest(Experiment):
     """
 
     title: ClassVar[str] = "static-load test"
+    layout: ClassVar[Layout] = Layout(
+        columns=(
+            Column("load_plane", otherwise="journal"),
+            Column("load", (("load", "N", UNITS["force"]), ("load", "deg", UNITS["angle"])), polar=True),
+            Column("plane", otherwise="journal"),
+            Column("displacement", (X, Y)),
+            noise("um", UNITS["length"]),
+        ),
+        marks=("load_",),
+        run="static",
+        known="speed_rpm, load_N, load_deg, x_um, y_um, optional run, "
+        "plane and load_plane (by default journal), sigma_um",
+    )
     reads: ClassVar[Literal["motion", "force", ""]] = "motion"
     reducer: ClassVar[str] = "static_positions"
 
@@ -70,6 +87,10 @@ class StaticTest(Experiment):
     def observe(self, model: RotorModel, group: Index) -> Block:
         """See any experiment."""
         return _observed(self, model, group)
+
+    def own_findings(self) -> Iterator[Finding]:
+        """See any experiment."""
+        return _odd_positions(self)
 
     def unread(self, sigma: Float) -> Experiment:
         """See any experiment."""
@@ -141,3 +162,46 @@ def _static_noise(test: StaticTest, label: Index) -> Float:
                 raise ValueError(f"{test.source or 'static test'}, run {test.run[rows[0]]}: {reason}") from reason
         sigma[rows] = np.where(np.isnan(sigma[rows]), spread, sigma[rows])
     return sigma
+
+
+def _odd_positions(test: StaticTest) -> Iterator[Finding]:
+    """Rows without a load, and positions against the load or, by a fluid that turns backward, against the rotation.
+
+    Under a load P a stable journal rests at P / (K - j D lam Omega): along the load and ahead of it in the sense of
+    rotation where lam > 0.
+    """
+    idle = test.load == 0
+    if idle.any():
+        text = (
+            f"The load is zero in {idle.sum()} rows. Positions count from that without a load: subtract it from the "
+            "others and remove its row."
+        )
+        yield Finding("error", "no-load", text, rows_of(idle))
+    turned = test.displacement * np.exp(-1j * np.angle(test.load))
+    at_load = (test.plane == test.load_plane) & (test.load != 0)
+    if back := _runs(test, at_load, turned.real):
+        text = (
+            f"The journal moves against the load in {listed(back)}. Check the direction of the load (load_deg, from x "
+            "towards y), the signs of x and y, or x and y exchanged."
+        )
+        yield Finding("error", "against-load", text, rows_of(np.isin(test.run, back)))
+    elif aside := _runs(test, at_load, turned.imag * np.sign(test.speed)):
+        text = (
+            f"Under load the journal moves to the side against the rotation in {listed(aside)}: lam would be negative. "
+            "Check that x turns towards y with the rotor, the sign of x and y, or x and y exchanged."
+        )
+        yield Finding("warning", "against-rotation", text, rows_of(np.isin(test.run, aside)))
+
+
+def _runs(test: StaticTest, at_load: Bool, part: Float) -> list[str]:
+    """Runs in which a part of the positions is negative under every load and more than a share of them."""
+    found = []
+    fewest_loads = 3  # loads of a run from which their positions say a direction
+    # Share of the positions that is more than noise and a probe a few degrees off, all loads agreeing
+    largest_share_aside = 0.05
+    for run in test.runs:
+        here = at_load & (test.run == run)
+        beyond = -float(part[here].sum()) > largest_share_aside * float(np.abs(test.displacement[here]).sum())
+        if here.sum() >= fewest_loads and (part[here] < 0).all() and beyond:
+            found.append(run)
+    return found

@@ -27,9 +27,9 @@ def _within_clearance(model: RotorModel, test: Experiment) -> tuple[Experiment, 
         return test, ""
     line = test.same_place
     out = np.isin(line, line[beyond])
-    swept = test.motion.size == test.frequencies.size
     where = [
-        (k, f"{significant(test.frequencies[k], 4)} rad/s" if swept else f"row {k + 1}") for k in np.flatnonzero(beyond)
+        (k, f"{significant(test.frequencies[k], 4)} rad/s" if test.swept else f"row {k + 1}")
+        for k in np.flatnonzero(beyond)
     ]
     places = sorted({f"{test.run[row]}, {place}" for row, place in where})
     named = "; ".join(places[:3]) + (f" and {len(places) - 3} more" if places[3:] else "")

@@ -15,7 +15,6 @@ from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.rows import Experiment
-from rotorfit.lab.io.tables.kinds import columns_of
 from rotorfit.show.report.html import Html, element
 from rotorfit.show.report.parts import note, section
 
@@ -133,7 +132,7 @@ def _panels(fit: FitResult, found: Sequence[SweepCurve]) -> tuple[list[tuple[Any
 
 def _readings(experiment: Experiment, base: Responses) -> list[tuple[str, str, str]]:
     """Of each reading: its frequency and speed, its run, and the rows of the data that it was made from."""
-    columns = {**experiment.attributes, **columns_of(experiment)}
+    columns = {**experiment.attributes, **experiment.table_columns()}
     rows = list(zip(*(values.tolist() for values in columns.values()), strict=True))
     line = experiment.line_of_rows
     of_line: dict[tuple[int, str], list[str]] = {}

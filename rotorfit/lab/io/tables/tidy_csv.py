@@ -52,7 +52,7 @@ from rotorfit.lab.io.tables.headers import (
     with_given_names,
     with_orders,
 )
-from rotorfit.lab.io.tables.kinds import columns_of, kind_of, line_test, read_kind
+from rotorfit.lab.io.tables.kinds import kind_of, line_test, read_kind
 from rotorfit.lab.io.tables.machine_tables import BODE_HEADER, bode_table, is_sample_table, sample_table, with_weight
 from rotorfit.lab.io.tables.motion import noise, response, with_amplitudes
 from rotorfit.lab.io.tables.point_tables import point_table, points_above
@@ -284,7 +284,7 @@ def _cell(value: Any) -> str:
 def written_columns(experiment: Experiment) -> dict[str, NDArray[Any]]:
     """Columns of a tidy CSV by name, in rpm, um (urad for slopes), N and degrees, attributes last."""
     experiment = experiment.stored_rows()
-    columns = columns_of(experiment)
+    columns = experiment.table_columns()
     own = (FORCE_SIGMA, "coherence")  # columns that are kept as attributes
     meant = {name for name in experiment.attributes if name not in own and quantity_meant(name)}
     taken = {*columns, *meant} & set(experiment.attributes)
