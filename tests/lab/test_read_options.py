@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.io.files import SUFFIXES
 from rotorfit.models import WhirlWhip
 
+EXAMPLES = Path(rf.__file__).parent / "lab" / "io"
 SPEED = 200.0
 W = np.r_[-500.0:0:50, 50:501:50]  # holds the speed on either side
 CHANNELS = [("disk", "x"), ("disk", "y"), ("journal", "x"), ("journal", "y")]
@@ -271,3 +273,35 @@ def test_corrections_of_probes_are_not_for_imposed_orbits(tmp_path: Path) -> Non
     (tmp_path / "t.csv").write_text(f"{columns}\na,1000,300,seal,12,0,5,10,6,-80\n", encoding="utf-8")
     with refuses(ValueError):
         rf.read(tmp_path / "t.csv", gains={("seal", "x"): 2.0})
+
+
+@pytest.mark.parametrize(
+    ("name", "wanted", "low", "high"),
+    [
+        ("frequency_hz", (20.0, 60.0), 20.0, 60.0),
+        ("frequency_rpm", (-math.inf, 2400.0), 0.0, 40.0),
+        ("frequency_hz", [25.0, "75"], None, None),
+        ("frequency_hz", 25.0, 25.0, 25.0),
+    ],
+)
+def test_readings_are_chosen_by_frequency(
+    tmp_path: Path, name: str, wanted: Any, low: float | None, high: float | None
+) -> None:
+    """Forward and backward alike, ends included whatever a unit does to their last digits."""
+    model = WhirlWhip()
+    hz = np.arange(5.0, 100.0, 5.0)
+    w = 2 * np.pi * np.r_[-hz[::-1], hz]
+    test = circular_test(model, model.vector(TYPICAL["whirl-whip"]), speeds=(SPEED,), frequency=w, noise=0.01)
+    chosen = rf.read(write(test, tmp_path, ".csv"), where={name: wanted})
+    assert isinstance(chosen, PerturbationTest)
+    left = hz[np.isin(hz, [25.0, 75.0])] if low is None else hz[(hz >= low) & (hz <= high)]
+    np.testing.assert_allclose(np.unique(np.round(chosen.frequency / (2 * np.pi), 9)), np.r_[-left[::-1], left])
+    again = rf.read(write(test, tmp_path, ".csv"), exclude={name: wanted})
+    assert len(again) == len(test) - len(chosen)
+
+
+def test_a_frequency_to_choose_by_is_a_size_that_the_test_has(rig: PerturbationTest, tmp_path: Path) -> None:
+    with refuses(ValueError):
+        rf.read(write(rig, tmp_path), where={"frequency_hz": (-60.0, -20.0)})
+    with refuses(ValueError):
+        rf.read(EXAMPLES / "example-static-load.csv", where={"frequency_hz": (20.0, 60.0)})

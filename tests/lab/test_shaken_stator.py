@@ -57,6 +57,13 @@ def test_cross_talk_of_the_other_shaker_biases_nothing(rig: Path, tmp_path: Path
     assert 0.7 < fit.redchi < 1.3
 
 
+def test_responses_are_chosen_by_frequency(rig: Path) -> None:
+    records = [rf.read_recording(rig / f"wet-3000-shaken-{axis}.h5", rig / "rig.toml") for axis in "xy"]
+    whole, part = rf.responses(records), rf.responses(records, where={"frequency_hz": (80.0, 120.0)})
+    hz = np.abs(whole.frequency) / (2 * np.pi)
+    np.testing.assert_array_equal(part.response, whole.response[(hz >= 80.0) & (hz <= 120.0)])
+
+
 def test_one_recording_alone_has_both_forces(rig: Path) -> None:
     test = reduced(rig, ["wet-3000-shaken-x"])
     assert test.forces == ("stator along x + stator along y",)

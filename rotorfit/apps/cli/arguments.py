@@ -103,10 +103,15 @@ def add_files(to: argparse.ArgumentParser) -> None:
     )
     option(to, "--constant [FILE:]COLUMN=VALUE ...", words)
     option(to, "--column NAME=COLUMN ...", "rotorfit's name of a column (in a machine's export: of a channel)")
-    rows = "readings by attribute (run, speed_rpm, plane, a column of the file): a value or a range LO:HI"
+    add_selection(to)
+    option(to, "--drop-near-1x PERCENT", "leave out readings this close to the running speed", float)
+
+
+def add_selection(to: argparse.ArgumentParser) -> None:
+    """Which readings to take."""
+    rows = "readings by run, speed_rpm, frequency_hz, plane or a column of the file: a value or a range LO:HI"
     option(to, "--where NAME=VALUE ...", f"keep only {rows}; repeat it for a further value")
     option(to, "--exclude NAME=VALUE ...", f"leave out {rows}")
-    option(to, "--drop-near-1x PERCENT", "leave out readings this close to the running speed", float)
 
 
 def add_setup(to: argparse.ArgumentParser) -> None:
@@ -189,22 +194,19 @@ def data_files(options: argparse.Namespace) -> tuple[DataFile | RecordingFiles, 
         "axes": options.axes,
         "sheet": options.sheet,
         "columns": pairs("--column", options.column, str),
-        "where": _chosen("--where", options.where),
-        "exclude": _chosen("--exclude", options.exclude),
         "drop_near_1x": None if percent is None else percent / 100,
     }
-    read = {name: value for name, value in given.items() if is_set(value)}
+    read, chosen = {name: value for name, value in given.items() if is_set(value)}, selection(options)
     constants = _constants(options)
     raw = tuple(file for file in options.files if options.setup or file.suffix.lower() in ALWAYS_RAW)
     if raw and (read or options.constant):
         raise ValueError(
             f"{raw[0].name} is a recording: what --probe-angles, --slow-roll-below and --speed say stands in its setup "
-            "(--setup rig.toml); --axes, --sheet, --constant, --column, --where, --exclude and --drop-near-1x are for "
-            "files of vectors"
+            "(--setup rig.toml); --axes, --sheet, --constant, --column and --drop-near-1x are for files of vectors"
         )
-    tests = tuple(DataFile(file, read | constants[file]) for file in options.files if file not in raw)
+    tests = tuple(DataFile(file, read | chosen | constants[file]) for file in options.files if file not in raw)
     if raw:
-        return (*tests, RecordingFiles(paths=raw, setup=options.setup, windows=options.windows))
+        return (*tests, RecordingFiles(paths=raw, setup=options.setup, windows=options.windows, **chosen))
     if options.windows is not None:
         raise ValueError(f"--windows is for recordings of raw signals, which {options.files[0].name} is not")
     return tests
@@ -224,6 +226,12 @@ def _constants(options: argparse.Namespace) -> dict[Path, dict[str, Any]]:
         for file in own or options.files:
             words[file].append(word[len(name) + 1 :] if colon else word)
     return {file: {"constants": pairs("--constant", given, str)} if given else {} for file, given in words.items()}
+
+
+def selection(options: argparse.Namespace) -> dict[str, Any]:
+    """Readings that were chosen, as options of reading."""
+    found = {"where": _chosen("--where", options.where), "exclude": _chosen("--exclude", options.exclude)}
+    return {name: values for name, values in found.items() if values}
 
 
 def _chosen(option: str, words: Sequence[str]) -> dict[str, Any]:

@@ -11,7 +11,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rotorfit.apps.cli.answer import Answer, BadInputError, ProgressLine, answered, progress_line, sentences
-from rotorfit.apps.cli.arguments import WRITTEN, add_jobs, add_paths, add_setup, option, workers_of
+from rotorfit.apps.cli.arguments import (
+    WRITTEN,
+    add_jobs,
+    add_paths,
+    add_selection,
+    add_setup,
+    option,
+    selection,
+    workers_of,
+)
 from rotorfit.apps.cli.lists import RECORDING
 from rotorfit.apps.study_files.data_files import RecordingFiles, read_files
 from rotorfit.apps.study_files.folder import complete_folder
@@ -33,6 +42,7 @@ def add_vectors(to: argparse.ArgumentParser) -> None:
     """Options of ``rotorfit vectors``."""
     add_paths(to, "recordings (.h5 .tdms .mat .wav .uff .csv)")
     add_setup(to)
+    add_selection(to)
     option(to, "--out FILE", WRITTEN, Path, required=True)
     add_jobs(to, "reduce recordings")
     option(to, "--quiet", "print neither progress nor findings")
@@ -42,7 +52,8 @@ def add_vectors(to: argparse.ArgumentParser) -> None:
 def vectors(options: argparse.Namespace) -> Answer:
     """From recordings of raw signals to a file of responses with their noise."""
     check_target(options.out)  # before the work, which may take long
-    source = RecordingFiles(paths=tuple(options.files), setup=options.setup, windows=options.windows)
+    paths = tuple(options.files)
+    source = RecordingFiles(paths=paths, setup=options.setup, windows=options.windows, **selection(options))
     with progress_line(options) as progress, workers_of(options) as workers:
         tests, found = read_files([source], progress, workers)
     if len(tests) > 1:

@@ -12,7 +12,7 @@ from rotorfit.base.array_types import Index
 from rotorfit.base.executors import carry_out
 from rotorfit.lab.data.findings import PHASE_DATUM, Finding, errors_first, without_phases
 from rotorfit.lab.data.rows import Experiment
-from rotorfit.lab.data.selection import without
+from rotorfit.lab.data.selection import Wanted, selected, without
 from rotorfit.lab.io.files import read
 
 if TYPE_CHECKING:
@@ -63,6 +63,8 @@ class RecordingFiles:
     paths: tuple[Path, ...]  # the files
     setup: Path | None = None  # ``rig.toml``, where the files do not say everything themselves
     windows: int | None = None  # track by windows of so many whole turns, see ``turns`` of :func:`rotorfit.responses`
+    where: Mapping[str, Wanted] = field(default_factory=dict)  # vectors to keep, see :func:`rotorfit.read`
+    exclude: Mapping[str, Wanted] = field(default_factory=dict)  # vectors to leave out
     lines: bool = False  # reduce them to the combination lines of a shaft that is not round
     runout_um: float | None = None  # see :func:`rotorfit.shaft_lines`
     skip: tuple[int, ...] = ()  # numbers of vectors to leave out, counted from 1 through all tests that come of them
@@ -96,13 +98,17 @@ class RecordingFiles:
             tests = recorded_tests(
                 records, turns=self.windows, executor=executor, on_finding=on_finding, progress=progress
             )
-            return _without(tests, self.skip)
+            return self._chosen(tests)
         progress("finding combination lines")
         test = shaft_lines(records, runout_um=self.runout_um)
         for record in records:
             for finding in record.findings:
                 on_finding(finding)
-        return _without((test,), self.skip)
+        return self._chosen((test,))
+
+    def _chosen(self, tests: tuple[Experiment, ...]) -> tuple[Experiment, ...]:
+        """The vectors that are wanted."""
+        return _without(tuple(selected(test, where=self.where, exclude=self.exclude) for test in tests), self.skip)
 
 
 def _without(tests: tuple[Experiment, ...], numbers: Sequence[int]) -> tuple[Experiment, ...]:

@@ -193,6 +193,8 @@ _RECORDED_KEYS: dict[str, tuple[str, Parser]] = {
     "recordings": ("paths", _several(_path)),
     "setup": ("setup", _path),
     "windows": ("windows", count),
+    "where": ("where", _selection),
+    "exclude": ("exclude", _selection),
     "skip": ("skip", _numbers),
 }
 """Keys of a table of recordings: field of :class:`RecordingFiles`, and what its value must be."""

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rotorfit.base.array_types import Bool
 from rotorfit.base.names import unknown_name
+from rotorfit.base.units import UNITS
 from rotorfit.lab.data.rows import Experiment
 
 Wanted = str | float | tuple[float, float] | Sequence[str] | Sequence[float]
@@ -23,7 +25,7 @@ def selected(
     exclude: Mapping[str, Wanted] | None = None,
     drop_near_1x: float = 0.0,
 ) -> Test:
-    """Readings that fit."""
+    """Readings that fit, by run, speed, frequency (``frequency_hz``, ``frequency_rpm``), plane and attributes."""
     keep = np.ones(len(test), dtype=bool)
     for name, wanted in (where or {}).items():
         keep &= _matches(test, name, wanted)
@@ -60,17 +62,31 @@ def without(test: Test, numbers: Sequence[int]) -> Test:
     return _kept(test, keep, "skip")
 
 
-def _matches(test: Experiment, name: str, wanted: Wanted) -> Bool:
+_FREQUENCIES = {"frequency_hz": "hz", "frequency_rpm": "rpm"}
+"""Names of the size of a frequency, of forward and of backward readings alike, and its unit."""
+
+
+def _values(test: Experiment, name: str) -> NDArray[Any]:
+    """What is known of each row by a name."""
     own = [n for n in ("plane", "direction", "force_plane") if hasattr(test, n)]
-    known = ["run", "speed_rpm", *own, *test.attributes]
+    swept = list(_FREQUENCIES) if test.frequencies.size else []
+    known = ["run", "speed_rpm", *swept, *own, *test.attributes]
     if name not in known:
         raise ValueError(f"{test.source or 'the test'}: {unknown_name('attribute', name, known)}")
-    values = np.asarray(getattr(test, name) if name in own else test.attribute(name))
+    if name in swept and name not in test.attributes:
+        return np.asarray(np.round(np.abs(test.frequencies) / UNITS["frequency"][_FREQUENCIES[name]], 6))
+    return np.asarray(getattr(test, name) if name in own else test.attribute(name))
+
+
+def _matches(test: Experiment, name: str, wanted: Wanted) -> Bool:
+    values = _values(test, name)
     numeric = np.issubdtype(values.dtype, np.number)
     if isinstance(wanted, tuple) and len(wanted) == 2 and not any(isinstance(end, str) for end in wanted):
         if not numeric:
             raise ValueError(f"{name} holds text: give its values, not a range")
         low, high = (float(end) for end in wanted)
+        if name in _FREQUENCIES and high < 0:
+            raise ValueError(f"{name} is a size, forward and backward alike; choose one of the two by run")
         return np.asarray((values >= low) & (values <= high))
     several = [wanted] if isinstance(wanted, str | float | int) else list(wanted)
     found = np.zeros(len(test), dtype=bool)

@@ -163,12 +163,14 @@ def _refuse_outside(knots: Float, w: Float, test: PerturbationTest, baseline: Pe
     margin = SAME_RATE * np.abs(knots).max()
     outside = (w < knots[0] - margin) | (w > knots[-1] + margin)
     if outside.any():
-        low, high = np.sort(np.abs(knots[[0, -1]])) / (2 * np.pi)
-        off = float(np.abs(w[outside][0])) / (2 * np.pi)
+        ends = np.sort(np.abs(knots[[0, -1]])) / (2 * np.pi)
+        digits = 10.0 ** (np.floor(np.log10(np.maximum(ends, 1e-3))) - 3)
+        low, high = np.ceil(ends[0] / digits[0]) * digits[0], np.floor(ends[1] / digits[1]) * digits[1]
+        off, low_hz, high_hz = (significant(hz, 4) for hz in (np.abs(w[outside][0]) / (2 * np.pi), low, high))
         raise ValueError(
-            f"{baseline.source or 'the dry run'} goes from {significant(low, 4)} to {significant(high, 4)} Hz, "
-            f"{test.source or 'the test'} has {significant(off, 4)} Hz: a baseline is not extrapolated; leave these "
-            "readings out, or repeat the dry run"
+            f"{baseline.source or 'the dry run'} goes from {low_hz} to {high_hz} Hz, {test.source or 'the test'} has "
+            f"{off} Hz: a baseline is not extrapolated; leave these readings out (where={{'frequency_hz': ({low_hz}, "
+            f"{high_hz})}}, --where frequency_hz={low_hz}:{high_hz}), or repeat the dry run"
         )
 
 

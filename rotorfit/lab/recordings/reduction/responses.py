@@ -8,7 +8,7 @@ method is in :mod:`rotorfit.estimators.signals.local_response`.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
@@ -22,6 +22,7 @@ from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.findings import PHASE_DATUM, DataWarning, Finding, level_of_caller, listed
 from rotorfit.lab.data.rows import Experiment
+from rotorfit.lab.data.selection import Wanted, selected
 from rotorfit.lab.data.synchronous import join
 from rotorfit.lab.data.weights import differenced
 from rotorfit.lab.recordings.quality import copied_recordings, probe_findings, spoiled
@@ -42,6 +43,7 @@ def responses(
     records: Sequence[Recording] | Recording,
     *,
     turns: int | None = None,
+    where: Mapping[str, Wanted] | None = None,
     executor: Executor | None = None,
     client: Any = None,
     on_finding: Report | None = None,
@@ -61,6 +63,7 @@ def responses(
         records: of one rig; see :func:`rotorfit.read_recording`.
         turns: track by windows of so many whole turns of the drive instead; for slow sweeps and rotors that are not
             linear. A sweep makes such vectors lag behind.
+        where: responses to keep, ``{"frequency_hz": (60, 240)}``, as of :func:`rotorfit.read`.
         executor: any ``concurrent.futures`` executor, also Dask's ``client.get_executor()``, that reduces recordings
             beside each other; by default one after the other in this process. What a lost worker had is done again.
         client: a Dask client, in place of its executor.
@@ -86,7 +89,8 @@ def responses(
     listed = named_apart(records)
     there, silent = executor_of(executor, client), on_finding is None
     report = on_finding or _warn_of_error
-    return checked_responses(listed, turns=turns, executor=there, on_finding=report, progress=progress, checked=silent)
+    test = checked_responses(listed, turns=turns, executor=there, on_finding=report, progress=progress, checked=silent)
+    return selected(test, where=where)
 
 
 def _warn_of_error(finding: Finding) -> None:
