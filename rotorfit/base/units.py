@@ -8,6 +8,9 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
 
 from rotorfit.base.names import unknown_name
 
@@ -49,6 +52,24 @@ UNITS: dict[str, dict[str, float]] = {
 }
 """Factor to SI (rad/s, m, rad, N, kg m; amplitudes 0-peak, phases lead) by quantity and unit, units in lower case
 but for those that only their case tells apart."""
+
+
+def in_rad_s(name: str, value: Any, *, needed: bool = True, **by_unit: Any) -> Any:
+    """A speed or frequency in rad/s, which may have been given by its name with a unit: ``rpm=speed_rpm``; None where
+    it was not given and is not needed."""
+    given = {} if value is None else {name: value}
+    for unit, one in by_unit.items():
+        if one is not None:
+            try:
+                given[f"{name}_{unit}"] = np.asarray(one, dtype=float)[()] * UNITS["frequency"][unit]
+            except (TypeError, ValueError):
+                raise ValueError(f"{name}_{unit} is {one!r}; numbers are needed") from None
+    words = " or ".join([f"{name}= (rad/s)", ", ".join(f"{name}_{unit}=" for unit in by_unit)])
+    if len(given) > 1:
+        raise TypeError(f"{' and '.join(given)} are given; one is enough: {words}")
+    if needed and not given:
+        raise TypeError(f"{words} is needed")
+    return next(iter(given.values()), None)
 
 
 def si_factor(quantity: str, unit: str) -> float:

@@ -251,7 +251,10 @@ def test_equations_that_no_integrator_can_follow_are_refused() -> None:
 @pytest.mark.parametrize(("kinds", "options"), [(SIMULATED, ExperimentOptions), (RECORDED, RecordingOptions)])
 def test_an_editor_offers_every_option_that_some_kind_has(kinds: dict[str, Any], options: type) -> None:
     taken = {name for kind in kinds.values() for name in signature(kind).parameters} - {"rig"}
-    assert set(options.__annotations__) == taken
+    told = set(options.__annotations__)
+    assert taken <= told
+    rates = {name.removesuffix("_rpm") for name in taken if name.endswith("_rpm")}
+    assert told - taken <= rates | {f"{name}_hz" for name in rates}  # the same in rad/s and Hz
 
 
 def test_what_no_force_moves_is_at_rest_and_no_weight_is_refused() -> None:

@@ -45,10 +45,8 @@ def test_errors_are_those_that_fits_scatter_by() -> None:
     fits = [plain_fit(ONE, swept(seed), known=KNOWN) for seed in range(DRAWS)]
     low, high = stats.chi2.ppf([0.5e-4, 1 - 0.5e-4], DRAWS)
     for name, one in plan.expected.items():
-        pulls = [
-            (float(f.threshold_speed() if name == "threshold_speed" else f.params[name].value) - one.value)
-            for f in fits
-        ]
+        found = [f.threshold_speed() if name == "threshold_speed" else f.params[name] for f in fits]
+        pulls = [number.value - one.value for number in found]
         assert low < np.sum(np.square(pulls)) / one.stderr**2 < high, name
 
 

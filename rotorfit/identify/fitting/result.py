@@ -14,9 +14,11 @@ from numpy.typing import ArrayLike
 
 from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
+from rotorfit.base.chance import Seed, seed_of
 from rotorfit.base.digits import significant
 from rotorfit.base.executors import executor_of
 from rotorfit.base.names import unknown_name
+from rotorfit.base.units import in_rad_s
 from rotorfit.estimators.blocks.correlated import freedom_of
 from rotorfit.estimators.inference.covariance import widening
 from rotorfit.estimators.inference.identifiability import Identifiability
@@ -369,7 +371,13 @@ class FitResult:
         return math.nan if onset is None else onset.whirl_ratio
 
     def coefficients(
-        self, speed: float, *, plane: str | None = None, at: Mapping[str, Any] | None = None, eccentricity: float = 0.0
+        self,
+        speed: float | None = None,
+        *,
+        speed_rpm: float | None = None,
+        plane: str | None = None,
+        at: Mapping[str, Any] | None = None,
+        eccentricity: float = 0.0,
     ) -> Coefficients:
         """Coefficients of a fitted fluid as engineers tabulate them: Kxx, Kxy, ... Cxx, ... Myy, with correlations.
 
@@ -379,6 +387,7 @@ class FitResult:
 
         Args:
             speed: rotative speed, rad/s.
+            speed_rpm: the same in rpm.
             plane: name of the plane, where forces were fitted at several.
             at: values of attributes that name one group; by default that of the speed, where parameters were fitted
                 speed by speed.
@@ -395,35 +404,46 @@ class FitResult:
         """
         from rotorfit.identify.fitting.structure.coefficients import coefficients_of
 
-        return coefficients_of(self, speed, plane, at, eccentricity)
+        return coefficients_of(self, in_rad_s("speed", speed, rpm=speed_rpm), plane, at, eccentricity)
 
-    def coefficient_table(self, speeds: Sequence[float] | None = None, *, plane: str | None = None) -> CoefficientRows:
-        """:meth:`coefficients` at several ``speeds``, rad/s, by default those that were tested, and in all conditions
-        that parameters were fitted per, as text, data frame and CSV; ``plane`` as there.
+    def coefficient_table(
+        self,
+        speeds: Sequence[float] | None = None,
+        *,
+        speed_rpm: Sequence[float] | None = None,
+        plane: str | None = None,
+    ) -> CoefficientRows:
+        """:meth:`coefficients` at several ``speeds``, rad/s, or ``speed_rpm``, by default those that were tested, and
+        in all conditions that parameters were fitted per, as text, data frame and CSV; ``plane`` as there.
 
         Example:
             >>> fit.coefficient_table().to_csv(folder / "coefficients.csv")
         """
         from rotorfit.identify.fitting.structure.coefficients import coefficient_rows
 
-        return coefficient_rows(self, speeds, plane)
+        return coefficient_rows(self, in_rad_s("speed", speeds, needed=False, rpm=speed_rpm), plane)
 
-    def frequency_coefficients(self, speeds: Sequence[float] | None = None) -> FrequencyRows:
+    def frequency_coefficients(
+        self, speeds: Sequence[float] | None = None, *, speed_rpm: Sequence[float] | None = None
+    ) -> FrequencyRows:
         """Stiffness and damping of a seal or bearing frequency by frequency, as measured, beside the fitted ones.
 
-        ``speeds`` are rotative speeds, rad/s, by default those that were tested.
+        ``speeds`` are rotative speeds, rad/s, or ``speed_rpm``, by default those that were tested.
 
         Raises:
             ValueError: a fit of anything but :class:`~rotorfit.models.Anisotropic` of one plane.
         """
         from rotorfit.identify.fitting.structure.coefficients import frequency_coefficients_of
 
-        return frequency_coefficients_of(self, speeds)
+        return frequency_coefficients_of(self, in_rad_s("speed", speeds, needed=False, rpm=speed_rpm))
 
-    def natural_frequencies(self, speed: float, at: Mapping[str, Any] | None = None) -> list[tuple[Quantity, Quantity]]:
+    def natural_frequencies(
+        self, speed: float | None = None, at: Mapping[str, Any] | None = None, *, speed_rpm: float | None = None
+    ) -> list[tuple[Quantity, Quantity]]:
         """Damped natural frequency (rad/s, signed) and damping ratio of each mode at a rotative speed.
 
-        ``speed`` in rad/s is negative from y to x; ``at`` names a group of parameters, as for :meth:`group`.
+        ``speed`` in rad/s, or ``speed_rpm``, is negative from y to x; ``at`` names a group of parameters, as for
+        :meth:`group`.
 
         Raises:
             ValueError: a speed that is no finite number.
@@ -434,16 +454,24 @@ class FitResult:
         """
         from rotorfit.identify.fitting.structure.modes import natural_frequencies
 
-        return natural_frequencies(self, speed, at)
+        return natural_frequencies(self, in_rad_s("speed", speed, rpm=speed_rpm), at)
 
-    def modes(self, speed: float = 0.0, *, normalise: str | None = None, at: Mapping[str, Any] | None = None) -> Modes:
+    def modes(
+        self,
+        speed: float | None = None,
+        *,
+        speed_rpm: float | None = None,
+        normalise: str | None = None,
+        at: Mapping[str, Any] | None = None,
+    ) -> Modes:
         """Natural frequency, damping ratio, shape, and modal mass, stiffness and damping of each mode, with errors.
 
         Of a passive rotor, as :class:`rotorfit.models.TwoDisk` is, each mode by itself: the paper's M_I, K_I, D_I, phi
         and zeta. The half-power bandwidth of the measured responses stands beside zeta.
 
         Args:
-            speed: rotative speed, rad/s.
+            speed: rotative speed, rad/s; by default the rotor is at rest.
+            speed_rpm: the same in rpm.
             normalise: plane at which shapes are one, the first by default.
             at: names a group of parameters, as for :meth:`group`.
 
@@ -458,7 +486,8 @@ class FitResult:
         """
         from rotorfit.identify.fitting.structure.modes import modes_of
 
-        return modes_of(self, speed, normalise, at)
+        turning = in_rad_s("speed", speed, needed=False, rpm=speed_rpm)
+        return modes_of(self, 0.0 if turning is None else turning, normalise, at)
 
     def turning_anisotropy(self, *, level: float = 0.95, at: Mapping[str, Any] | None = None) -> TurningAnisotropy:
         """dK, dK/K and the stiff direction of a shaft that is not round.
@@ -526,14 +555,17 @@ class FitResult:
 
         return profiles(self, names, level=level, points=points, at=at, executor=executor_of(executor, client))
 
-    def predict(self, frequency: ArrayLike | None, speed: ArrayLike, **options: Unpack[PredictKeywords]) -> Prediction:
+    def predict(
+        self, frequency: ArrayLike | None = None, speed: ArrayLike | None = None, **options: Unpack[PredictKeywords]
+    ) -> Prediction:
         """Responses at frequencies, speeds and planes that need not have been tested, with their bands.
 
         Args:
             frequency: of the force, rad/s, negative turns backward; ``None`` is once per turn, the response to an
                 unbalance.
             speed: rotative speed, rad/s; scalars and vectors ``(N,)`` may be mixed.
-            **options: ``force_plane``: where the force acts; may be left out of models of one plane. ``force``:
+            **options: ``frequency_rpm``, ``frequency_hz``, ``speed_rpm``: the same in other units. ``force_plane``:
+                where the force acts; may be left out of models of one plane. ``force``:
                 ``F exp(j delta)``, N; 1 N where neither it nor ``mr`` is given. ``mr``: an unbalance, kg m, whose force
                 is ``mr w^2``. ``plane``: where the motion is predicted, a plane of the model, with a probe or without,
                 or a place between planes (``probes=`` of the model); by default that of the force. ``direction``: ``z``
@@ -560,7 +592,8 @@ class FitResult:
         """Criteria of stability at running speed, each with its interval and the probability that it is met.
 
         Args:
-            **options: ``max_speed_rpm``, ``min_speed_rpm``: the running speeds; by default the highest tested one.
+            **options: ``max_speed_rpm``, ``min_speed_rpm``, or ``max_speed``, ``min_speed`` in rad/s: the running
+                speeds; by default the highest tested one.
                 ``min_decrement``: logarithmic decrement that the least stable forward mode should have, 0.1.
                 ``min_threshold_ratio``: threshold speed over the highest running speed, 1. ``cross_coupling``:
                 anticipated cross-coupled stiffness, ``{"disk": 2e5}``, N/m; ``min_cross_coupling_ratio``: factor on it
@@ -615,7 +648,8 @@ class FitResult:
         self,
         *,
         n: int = 500,
-        seed: int = 0,
+        rng: Seed = None,
+        seed: Seed = None,
         accelerate: bool | None = None,
         executor: Executor | None = None,
         client: Any = None,
@@ -624,7 +658,8 @@ class FitResult:
 
         Args:
             n: number of data sets to simulate and fit.
-            seed: of random numbers.
+            rng: of random numbers, a generator or its seed, 0 by default.
+            seed: the same.
             accelerate: with compiled kernels; by default where numba is installed.
             executor: any ``concurrent.futures`` executor, also Dask's ``client.get_executor()``, that fits beside each
                 other: for nonlinear rotors, of which one fit takes long.
@@ -637,7 +672,8 @@ class FitResult:
         """
         from rotorfit.identify.uncertainty.bootstrap import bootstrap
 
-        return bootstrap(self, n=n, seed=seed, accelerate=accelerate, executor=executor_of(executor, client))
+        there = executor_of(executor, client)
+        return bootstrap(self, n=n, seed=seed_of(rng, seed, 0), accelerate=accelerate, executor=there)
 
     def budget(self) -> Budget:
         """What the error of each result is made of: noise, causes found from the data, and sizes on trust, by cause.
@@ -660,8 +696,9 @@ class FitResult:
 
     def to_ross(
         self,
-        speeds: ArrayLike,
+        speeds: ArrayLike | None = None,
         *,
+        speed_rpm: ArrayLike | None = None,
         version: str | int | None = None,
         nodes: Mapping[str, int] | None = None,
         element: ElementKind = "bearing",
@@ -675,6 +712,7 @@ class FitResult:
 
         Args:
             speeds: rotative speeds, rad/s, at least five.
+            speed_rpm: the same in rpm.
             version: of ROSS, "2.3" or "3.1", by default the one that is installed. A table over speed is called
                 ``frequency`` up to 2.x and ``speed`` from 3.0 on, and each line takes the other's for something else.
             nodes: node of the ROSS rotor at each plane, for models that do not know it.
@@ -695,7 +733,7 @@ class FitResult:
         """
         from rotorfit.lab.io.shafts.ross_elements import ross_elements
 
-        rows, group = np.asarray(speeds, dtype=float), self.group(at)
+        rows, group = np.asarray(in_rad_s("speed", speeds, rpm=speed_rpm), dtype=float), self.group(at)
         onset = self.threshold_of(group).value
         if rows.size and rows.min() < onset < rows.max():
             rows = np.append(rows, onset)
@@ -715,7 +753,7 @@ class FitResult:
         """Sample the posterior with emcee; options as for :func:`rotorfit.sample`, for instance ``seed=1``.
 
         Args:
-            **options: ``seed``, ``walkers``, ``ess``, ``max_steps``, ``noise``, ``refine``, ``checkpoint``,
+            **options: ``rng`` or ``seed``, ``walkers``, ``ess``, ``max_steps``, ``noise``, ``refine``, ``checkpoint``,
                 ``progress``, ``moves``, ``accelerate``: see :func:`rotorfit.sample`.
 
         Raises:

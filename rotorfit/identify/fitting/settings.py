@@ -7,11 +7,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict
 
+from rotorfit.base.chance import Seed
 from rotorfit.base.names import unknown_name
 from rotorfit.estimators.minimisation.objective import Method
 from rotorfit.estimators.misfit.problem import Loss
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from rotorfit.estimators.inference.ensemble_sampler import SamplerProgress
     from rotorfit.estimators.inference.log_posterior import Noise
     from rotorfit.identify.fitting.causes.calibration import Calibration
@@ -142,7 +145,8 @@ class FitKeywords(TypedDict, total=False):
 class SamplerKeywords(TypedDict, total=False):
     """Keywords of :func:`rotorfit.sample` for one model or several; see there."""
 
-    seed: int | None
+    rng: Seed
+    seed: Seed
     walkers: int | None
     ess: float
     max_steps: int
@@ -162,6 +166,9 @@ class SampleKeywords(SamplerKeywords, total=False):
 class PredictKeywords(TypedDict, total=False):
     """Keywords of :meth:`rotorfit.FitResult.predict`; see there."""
 
+    frequency_rpm: ArrayLike | None
+    frequency_hz: ArrayLike | None
+    speed_rpm: ArrayLike | None
     force_plane: str | None
     force: complex | None
     mr: complex | None
@@ -176,6 +183,8 @@ class PredictKeywords(TypedDict, total=False):
 class JudgeKeywords(TypedDict, total=False):
     """Keywords of :meth:`rotorfit.FitResult.stability_report`; see there."""
 
+    max_speed: float | None
+    min_speed: float | None
     max_speed_rpm: float | None
     min_speed_rpm: float | None
     min_decrement: float

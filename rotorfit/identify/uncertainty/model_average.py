@@ -13,6 +13,7 @@ from rotorfit.base.array_types import ComplexArray
 from rotorfit.base.digits import significant, with_error
 from rotorfit.base.names import unknown_name
 from rotorfit.base.text_table import text_table
+from rotorfit.base.units import in_rad_s
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import SamplerKeywords, check_keywords
 from rotorfit.identify.uncertainty.derived import Derived, Draws, StiffnessBand
@@ -77,18 +78,34 @@ class ModelAverage(Draws):
         """
         return self._mixed(lambda posterior: posterior.whirl_ratio(at))
 
-    def lam_speed(self, speed: float, at: Mapping[str, Any] | None = None, *, name: str = "lam") -> Derived:
+    def lam_speed(
+        self,
+        speed: float | None = None,
+        at: Mapping[str, Any] | None = None,
+        *,
+        speed_rpm: float | None = None,
+        name: str = "lam",
+    ) -> Derived:
         """See :meth:`Posterior.lam_speed`.
 
         Args:
             speed: rotative speed, rad/s.
             at: group of parameters, ``{"speed_rpm": 1000}``; needed where some were fitted per attribute.
+            speed_rpm: the speed in rpm.
             name: velocity ratio to use, of models that have ``lam_D`` and ``lam_M``.
         """
-        return self._mixed(lambda posterior: posterior.lam_speed(speed, at, name=name))
+        turning = in_rad_s("speed", speed, rpm=speed_rpm)
+        return self._mixed(lambda posterior: posterior.lam_speed(turning, at, name=name))
 
     def dynamic_stiffness(
-        self, frequency: ArrayLike, speed: float, at: Mapping[str, Any] | None = None
+        self,
+        frequency: ArrayLike | None = None,
+        speed: float | None = None,
+        at: Mapping[str, Any] | None = None,
+        *,
+        frequency_rpm: ArrayLike | None = None,
+        frequency_hz: ArrayLike | None = None,
+        speed_rpm: float | None = None,
     ) -> StiffnessBand:
         """See :meth:`Posterior.dynamic_stiffness`.
 
@@ -96,8 +113,11 @@ class ModelAverage(Draws):
             frequency: signed perturbation frequencies, rad/s, shape ``(N,)``.
             speed: rotative speed, rad/s.
             at: group of parameters, ``{"speed_rpm": 1000}``; needed where some were fitted per attribute.
+            frequency_rpm, frequency_hz, speed_rpm: the same in other units.
         """
-        bands = {id(p): p.dynamic_stiffness(frequency, speed, at) for p in self.posteriors}
+        w = in_rad_s("frequency", frequency, rpm=frequency_rpm, hz=frequency_hz)
+        turning = in_rad_s("speed", speed, rpm=speed_rpm)
+        bands = {id(p): p.dynamic_stiffness(w, turning, at) for p in self.posteriors}
         return StiffnessBand(
             frequency=next(iter(bands.values())).frequency,
             direct=self._mixed(lambda posterior: bands[id(posterior)].direct),

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float, Index
 from rotorfit.base.names import unknown_name
+from rotorfit.base.units import in_rad_s
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import JudgeKeywords, PredictKeywords, check_keywords
 from rotorfit.identify.uncertainty.derived import (
@@ -156,7 +157,9 @@ class Posterior(Draws):
         found = self._onsets(at)
         return Derived(name="threshold speed", unit="rad/s", samples=found.speed, note=found.note)
 
-    def predict(self, frequency: ArrayLike | None, speed: ArrayLike, **options: Unpack[PredictKeywords]) -> Prediction:
+    def predict(
+        self, frequency: ArrayLike | None = None, speed: ArrayLike | None = None, **options: Unpack[PredictKeywords]
+    ) -> Prediction:
         """Responses elsewhere, mean and spread over the draws; see :meth:`FitResult.predict`.
 
         Args:
@@ -198,49 +201,71 @@ class Posterior(Draws):
     def _cache(self) -> dict[int, Onsets]:
         return {}
 
-    def modal_parameters(self, speed: float, at: Mapping[str, Any] | None = None) -> list[Mode]:
+    def modal_parameters(
+        self, speed: float | None = None, at: Mapping[str, Any] | None = None, *, speed_rpm: float | None = None
+    ) -> list[Mode]:
         """Natural frequency, damping, decay rate and mode shape of every mode at a rotative speed (rad/s).
 
         Args:
             speed: rotative speed, rad/s.
             at: group of parameters, ``{"speed_rpm": 1000}``; needed where some were fitted per attribute.
+            speed_rpm: the speed in rpm.
 
         Raises:
             ValueError: a speed that is no finite number.
         """
-        return modes(self.fit.model, self.thetas(at), angular_rate(speed), self.fit.stability_band)
+        turning = angular_rate(in_rad_s("speed", speed, rpm=speed_rpm))
+        return modes(self.fit.model, self.thetas(at), turning, self.fit.stability_band)
 
-    def natural_frequencies(self, speed: float, at: Mapping[str, Any] | None = None) -> list[tuple[Derived, Derived]]:
+    def natural_frequencies(
+        self, speed: float | None = None, at: Mapping[str, Any] | None = None, *, speed_rpm: float | None = None
+    ) -> list[tuple[Derived, Derived]]:
         """Damped natural frequency (rad/s, signed) and damping ratio of each mode at a rotative speed (rad/s).
 
         Args:
             speed: rotative speed, rad/s.
             at: group of parameters, ``{"speed_rpm": 1000}``; needed where some were fitted per attribute.
+            speed_rpm: the speed in rpm.
 
         Raises:
             ValueError: a speed that is no finite number.
         """
-        return [(mode.frequency, mode.damping_ratio) for mode in self.modal_parameters(speed, at)]
+        return [(mode.frequency, mode.damping_ratio) for mode in self.modal_parameters(speed, at, speed_rpm=speed_rpm)]
 
-    def lam_speed(self, speed: float, at: Mapping[str, Any] | None = None, *, name: str = "lam") -> Derived:
+    def lam_speed(
+        self,
+        speed: float | None = None,
+        at: Mapping[str, Any] | None = None,
+        *,
+        speed_rpm: float | None = None,
+        name: str = "lam",
+    ) -> Derived:
         """Mean angular speed of the fluid, ``lam Omega``, rad/s.
 
         Args:
             speed: rotative speed, rad/s.
             at: group of parameters, ``{"speed_rpm": 1000}``; needed where some were fitted per attribute.
+            speed_rpm: the speed in rpm.
             name: velocity ratio to use, of models that have ``lam_D`` and ``lam_M``.
 
         Raises:
             KeyError: the model has no such velocity ratio.
             ValueError: a speed that is no finite number.
         """
-        speed = angular_rate(speed)
+        speed = angular_rate(in_rad_s("speed", speed, rpm=speed_rpm))
         self.fit.model.parameter(name)
         ratio = self.thetas(at, draws=len(self.samples))[:, self.fit.model.parameter_names.index(name)]
         return Derived(name=f"{name} * Omega", unit="rad/s", samples=ratio * speed)
 
     def dynamic_stiffness(
-        self, frequency: ArrayLike, speed: float, at: Mapping[str, Any] | None = None
+        self,
+        frequency: ArrayLike | None = None,
+        speed: float | None = None,
+        at: Mapping[str, Any] | None = None,
+        *,
+        frequency_rpm: ArrayLike | None = None,
+        frequency_hz: ArrayLike | None = None,
+        speed_rpm: float | None = None,
     ) -> StiffnessBand:
         """Direct and quadrature dynamic stiffness at signed frequencies, rad/s, and a rotative speed, rad/s.
 
@@ -248,11 +273,14 @@ class Posterior(Draws):
             frequency: signed perturbation frequencies, rad/s, shape ``(N,)``.
             speed: rotative speed, rad/s.
             at: group of parameters, ``{"speed_rpm": 1000}``; needed where some were fitted per attribute.
+            frequency_rpm, frequency_hz, speed_rpm: the same in other units.
 
         Raises:
             ValueError: a frequency or a speed that is no finite number.
         """
-        w, speed = np.atleast_1d(angular_rates(frequency, "frequency")), angular_rate(speed)
+        frequency = in_rad_s("frequency", frequency, rpm=frequency_rpm, hz=frequency_hz)
+        speed = angular_rate(in_rad_s("speed", speed, rpm=speed_rpm))
+        w = np.atleast_1d(angular_rates(frequency, "frequency"))
         kappa = self.fit.model.dynamic_stiffness(self.thetas(at)[:, None, :], w, speed)
         return StiffnessBand(
             frequency=w,

@@ -14,7 +14,7 @@ from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.digits import significant
 from rotorfit.base.names import unknown_name
 from rotorfit.base.significance import quantile
-from rotorfit.base.units import RPM_PER_RAD_S
+from rotorfit.base.units import RPM_PER_RAD_S, in_rad_s
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
@@ -32,8 +32,11 @@ from rotorfit.models.motion.stability import growth_rate
 def predict(
     fit: FitResult,
     frequency: ArrayLike | None,
-    speed: ArrayLike,
+    speed: ArrayLike | None,
     *,
+    frequency_rpm: ArrayLike | None = None,
+    frequency_hz: ArrayLike | None = None,
+    speed_rpm: ArrayLike | None = None,
     force_plane: str | None = None,
     force: complex | None = None,
     mr: complex | None = None,
@@ -48,6 +51,8 @@ def predict(
     """Responses with their bands, by the fit's covariance or over parameter vectors of draws, shape ``(W, P)``."""
     if not 0 < level < 1:
         raise ValueError(f"level is {level!r}; a band has a probability between 0 and 1")
+    frequency = in_rad_s("frequency", frequency, needed=False, rpm=frequency_rpm, hz=frequency_hz)
+    speed = in_rad_s("speed", speed, rpm=speed_rpm)
     model, group = fit.model, fit.group(at)
     test = _planned(fit, frequency, speed, force_plane, force, mr, plane, direction)
     _refuse_unstable(fit, group, np.unique(test.speed))

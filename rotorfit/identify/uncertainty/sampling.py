@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.base.array_types import Float
+from rotorfit.base.chance import Seed, seed_of
 from rotorfit.base.digits import significant
 from rotorfit.estimators.blocks.correlated import freedom_of
 from rotorfit.estimators.inference import ensemble_sampler
@@ -36,7 +37,8 @@ FEW_WALKERS = 32
 def sample(
     fit: FitResult,
     *,
-    seed: int | None = None,
+    rng: Seed = None,
+    seed: Seed = None,
     walkers: int | None = None,
     ess: float = 4000,
     max_steps: int = 20_000,
@@ -54,7 +56,8 @@ def sample(
 
     Args:
         fit: result of :func:`rotorfit.fit`.
-        seed: of the random numbers; by default one is drawn, and kept in the result.
+        rng: of the random numbers, a generator or its seed, which the result keeps; by default one is drawn.
+        seed: the same.
         walkers: even number of walkers, by default 128 (32 with the matrices of a whole
             shaft) or twice the number of entries.
         ess: effective samples to reach.
@@ -111,7 +114,7 @@ def sample(
             walkers=count,
             ess=ess,
             max_steps=max_steps,
-            seed=seed,
+            seed=None if rng is None and seed is None else seed_of(rng, seed, 0),
             checkpoint=None if checkpoint is None else Path(checkpoint),
             report=_print_progress if progress is True else progress or None,
             moves=list(moves) if moves else None,

@@ -9,14 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.base.array_types import ComplexArray, Records, Text
+from rotorfit.base.units import in_rad_s
 from rotorfit.lab.data.experiments import PerturbationTest, records
 
 
 def perturbation_test(
     *,
     run: Sequence[str] | Text,
-    speed: Any,
-    frequency: Any,
+    speed: Any = None,
+    frequency: Any = None,
     force_plane: Sequence[str] | Text,
     force: Any,
     plane: Sequence[str] | Text,
@@ -24,6 +25,9 @@ def perturbation_test(
     response: Any,
     sigma: Any = np.nan,
     force_direction: str | Sequence[str] | Text = "circular",
+    speed_rpm: Any = None,
+    frequency_rpm: Any = None,
+    frequency_hz: Any = None,
     force_angle: Any = None,
     further_forces: Sequence[tuple[tuple[Any, ...], ...]] | Records = (),
     attributes: Mapping[str, Any] | None = None,
@@ -37,6 +41,7 @@ def perturbation_test(
     Args:
         run, speed, frequency, force_plane, force, plane, direction, response, sigma, force_direction: SI units, shape
             ``(R,)`` or scalar, see :class:`PerturbationTest`.
+        speed_rpm, frequency_rpm, frequency_hz: speed and frequency in other units.
         force_angle: angles at which circular forces point at t = 0, from x towards y, forward and backward alike, rad;
             ``force`` is then their size. It goes with readings z: ``z = H(w) F exp(j force_angle)`` at signed w. Left
             out, ``force`` is ``F exp(j delta)`` of eq. (2), whose delta is minus that angle where w < 0.
@@ -56,6 +61,8 @@ def perturbation_test(
         >>> len(test), test.planes
         (2, ('journal',))
     """
+    speed = in_rad_s("speed", speed, rpm=speed_rpm)
+    frequency = in_rad_s("frequency", frequency, rpm=frequency_rpm, hz=frequency_hz)
     given = {
         "run": (run, str),
         "speed": (speed, float),

@@ -13,7 +13,7 @@ import numpy as np
 from rotorfit.base.array_types import Index
 from rotorfit.base.atomic_file import note_input, refuse_input, whole_file
 from rotorfit.base.file_reading import reading
-from rotorfit.base.units import RAD_S_PER_RPM
+from rotorfit.base.units import RAD_S_PER_RPM, in_rad_s
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.misfit.parameter_space import LARGEST
 from rotorfit.lab.data.experiments import PerturbationTest
@@ -56,6 +56,7 @@ class ReadKeywords(TypedDict, total=False):
     probe_angles: Mapping[str, tuple[float, float]] | None
     difference: bool
     speed: float | None
+    speed_rpm: float | None
     speed_tolerance: float
     sheet: str | None
     columns: Mapping[str, str] | None
@@ -80,6 +81,7 @@ def read(
     probe_angles: Mapping[str, tuple[float, float]] | None = None,
     difference: bool = True,
     speed: float | None = None,
+    speed_rpm: float | None = None,
     speed_tolerance: float = SPEED_TOLERANCE,
     sheet: str | None = None,
     columns: Mapping[str, str] | None = None,
@@ -112,6 +114,7 @@ def read(
             dwell at a few speeds with repeats, reference runs or weights at odd angles stay as they are: a fit solves
             them together, see :func:`rotorfit.influence`.
         speed: rotative speed, rad/s, for universal files that do not hold it.
+        speed_rpm: the same in rpm.
         speed_tolerance: fraction within which speeds go by one name, ``speed_rpm``; the model of a perturbation has the
             speed of each line as it was logged, other tests their mean.
         sheet: name of the sheet of an Excel file, by default the first.
@@ -139,6 +142,7 @@ def read(
     """
     if not 0 <= speed_tolerance < 1:
         raise ValueError(f"speed_tolerance is a fraction of the speed, 0 to 1; got {speed_tolerance!r}")
+    speed = in_rad_s("speed", speed, needed=False, rpm=speed_rpm)
     if speed is not None and not np.isfinite(speed):
         raise ValueError(f"speed must be a finite number, rad/s; got {speed!r}")
     table = {"sheet": sheet, "columns": columns, "constants": constants}

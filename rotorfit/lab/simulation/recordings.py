@@ -10,11 +10,12 @@ from typing import Unpack
 import numpy as np
 
 from rotorfit.base.atomic_file import file_name, whole_file
+from rotorfit.base.chance import Seed, chance
 from rotorfit.base.names import unknown_name
 from rotorfit.lab.simulation import recorded_kinds as kinds
 from rotorfit.lab.simulation.instruments import Instruments, Played, record
 from rotorfit.lab.simulation.rig import RecordedRig
-from rotorfit.lab.simulation.simulate import RecordingOptions, check_options
+from rotorfit.lab.simulation.simulate import RecordingOptions, checked_options
 from rotorfit.models import RotorModel
 
 RECORDED: Mapping[str, Callable[..., Iterator[Played]]] = {
@@ -39,7 +40,8 @@ def simulate_recordings(
     *,
     instruments: Instruments | None = None,
     residual: float = 1e-5,
-    seed: int = 0,
+    rng: Seed = None,
+    seed: Seed = None,
     **options: Unpack[RecordingOptions],
 ) -> list[Path]:
     """Record tests of a virtual rig: raw volts of probes and Keyphasors in HDF5 files that say what they are.
@@ -68,7 +70,8 @@ def simulate_recordings(
         kind: a name above.
         instruments: what measures, by default :class:`rotorfit.lab.simulation.instruments.Instruments`.
         residual: unbalance of the rotor itself in each plane in start-ups and balance runs, kg m.
-        seed: of noise and chance.
+        rng: of noise and chance, a generator or its seed, 0 by default.
+        seed: the same.
         options: of the kind.
 
     Returns:
@@ -89,16 +92,16 @@ def simulate_recordings(
     """
     if kind not in RECORDED:
         raise ValueError(unknown_name("kind of recorded test", kind, RECORDED))
-    check_options(kind, options, RECORDED)
+    settings = checked_options(kind, options, RECORDED)
     place = Path(folder)
     place.mkdir(parents=True, exist_ok=True)
-    rng = np.random.default_rng(seed)
+    drawn = np.random.default_rng(chance(rng, seed, 0))
     how = instruments or Instruments()
-    rig = RecordedRig(model=model, theta=model.vector(params), rng=rng, instruments=how, residual=residual)
+    rig = RecordedRig(model=model, theta=model.vector(params), rng=drawn, instruments=how, residual=residual)
     files: dict[str, Path] = {}
-    for played in RECORDED[kind](rig, **options):
+    for played in RECORDED[kind](rig, **settings):
         name = file_name(played.name, files)
-        files[name] = record(replace(played, name=name), how, place, rng)
+        files[name] = record(replace(played, name=name), how, place, drawn)
     with whole_file(place / "rig.toml") as draft:
         draft.write_text(_setup(kind, how, options), encoding="utf-8")
     return [*files.values()]

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from rotorfit.base.array_types import ComplexArray, Float
+from rotorfit.base.chance import Seed, chance
 from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.lab.simulation.instruments import Probes, keyphasor_volts, notch, write_counts
@@ -182,7 +183,8 @@ def record_shaft(
     acquisition: Acquisition | None = None,
     crack: Crack | None = None,
     support: complex = 0.0,
-    seed: int = 0,
+    rng: Seed = None,
+    seed: Seed = None,
 ) -> Path:
     """Run the virtual shaft and write what its probes see as HDF5, for :func:`rotorfit.read_recording`. The shaft
     starts from its steady state without perturbation. Channels: ``PLANE_X``, ``PLANE_Y``, ``twist``,
@@ -211,8 +213,8 @@ def record_shaft(
         signals["twist"] = how.twist_sensitivity * motion.twist
     if perturbation is not None:
         signals["keyphasor_perturbator"] = keyphasor_volts(notch(perturbation.sweep(duration).angle(time), **_NOTCH))
-    rng = np.random.default_rng(seed)
-    noisy = {name: volts + how.noise * rng.normal(size=time.size) for name, volts in signals.items()}
+    drawn = np.random.default_rng(chance(rng, seed, 0))
+    noisy = {name: volts + how.noise * drawn.normal(size=time.size) for name, volts in signals.items()}
     return write_counts(Path(path), noisy, _attributes(how, perturbation, motor))
 
 

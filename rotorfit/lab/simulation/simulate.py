@@ -9,7 +9,9 @@ from typing import Any, Literal, TypedDict, Unpack, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rotorfit.base.chance import Seed, chance
 from rotorfit.base.names import unknown_name
+from rotorfit.base.units import RPM_PER_RAD_S, in_rad_s
 from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.kinds.displacement_test import DisplacementTest
@@ -24,7 +26,10 @@ class ExperimentOptions(TypedDict, total=False):
     """Options of :func:`rotorfit.simulate` for one kind of experiment or another."""
 
     speed_rpm: ArrayLike  # rotative speeds
+    speed: ArrayLike  # the same in rad/s
     frequency_rpm: ArrayLike  # frequencies of the force or the imposed orbit, negative backward
+    frequency: ArrayLike  # the same in rad/s
+    frequency_hz: ArrayLike  # the same in Hz
     force: complex | Sequence[complex] | None  # N, with its phase
     unbalance: complex | Sequence[complex] | Mapping[str, float] | None  # m r, kg m, with its phase
     planes: str | Sequence[str] | None  # planes that are forced, all by default
@@ -46,8 +51,12 @@ class RecordingOptions(TypedDict, total=False):
     """Options of :func:`rotorfit.simulate_recordings` for one kind of test or another."""
 
     speed_rpm: ArrayLike  # rotative speeds; first and last of a start-up
+    speed: ArrayLike  # the same in rad/s
     frequency_rpm: ArrayLike  # frequencies of dwells, one after the other
+    frequency: ArrayLike  # the same in rad/s
+    frequency_hz: ArrayLike  # the same in Hz
     sweep_rpm: tuple[float, float]  # first and last frequency of a sweep
+    sweep_hz: tuple[float, float]  # the same in Hz
     duration: float  # of a sweep, a dwell or a record, s
     unbalance: float  # of the perturbator or of the calibration weight, kg m
     force: float  # amplitude of a measured force, N
@@ -71,15 +80,22 @@ def options_of(kind: str, kinds: Mapping[str, Callable[..., Any]]) -> dict[str, 
     return {name: p.default is p.empty for name, p in parameters.items() if name != "rig"}
 
 
-def check_options(kind: str, options: Mapping[str, Any], kinds: Mapping[str, Callable[..., Any]]) -> None:
-    """Refuse options that a kind of experiment does not have, or lacks."""
-    allowed = options_of(kind, kinds)
+def checked_options(kind: str, given: Mapping[str, Any], kinds: Mapping[str, Callable[..., Any]]) -> dict[str, Any]:
+    """The options of a kind of experiment, speeds and frequencies in rpm; those that it does not have, or lacks, are
+    refused."""
+    allowed, options = options_of(kind, kinds), dict(given)
+    for name in [one.removesuffix("_rpm") for one in allowed if one.endswith("_rpm")]:
+        if name in options or f"{name}_hz" in options:
+            found = {unit: options.pop(f"{name}_{unit}", None) for unit in ("rpm", "hz")}
+            turning = in_rad_s(name, options.pop(name, None), **found)
+            options[f"{name}_rpm"] = np.multiply(turning, RPM_PER_RAD_S)
     unknown = [name for name in options if name not in allowed]
     missing = [name for name, needed in allowed.items() if needed and name not in options]
     wrong = [f"does not know {', '.join(unknown)}"] if unknown else []
     wrong += [f"needs {', '.join(missing)}"] if missing else []
     if wrong:
         raise TypeError(f"simulation of kind {kind} {' and '.join(wrong)}; its options are {', '.join(allowed)}")
+    return options
 
 
 SIMULATED: Mapping[str, Callable[..., Experiment]] = {
@@ -100,7 +116,8 @@ def simulate(
     kind: Literal["perturbation", "squeeze-film", "synchronous"] = ...,
     *,
     noise: float = ...,
-    seed: int | np.random.Generator = ...,
+    rng: Seed = ...,
+    seed: Seed = ...,
     tolerance: float = ...,
     **options: Unpack[ExperimentOptions],
 ) -> PerturbationTest: ...
@@ -111,7 +128,8 @@ def simulate(
     kind: Literal["displacement"],
     *,
     noise: float = ...,
-    seed: int | np.random.Generator = ...,
+    rng: Seed = ...,
+    seed: Seed = ...,
     tolerance: float = ...,
     **options: Unpack[ExperimentOptions],
 ) -> DisplacementTest: ...
@@ -122,7 +140,8 @@ def simulate(
     kind: Literal["static-load"],
     *,
     noise: float = ...,
-    seed: int | np.random.Generator = ...,
+    rng: Seed = ...,
+    seed: Seed = ...,
     tolerance: float = ...,
     **options: Unpack[ExperimentOptions],
 ) -> StaticTest: ...
@@ -133,7 +152,8 @@ def simulate(
     kind: Literal["impulse"],
     *,
     noise: float = ...,
-    seed: int | np.random.Generator = ...,
+    rng: Seed = ...,
+    seed: Seed = ...,
     tolerance: float = ...,
     **options: Unpack[ExperimentOptions],
 ) -> RingDownTest: ...
@@ -144,7 +164,8 @@ def simulate(
     kind: str,
     *,
     noise: float = ...,
-    seed: int | np.random.Generator = ...,
+    rng: Seed = ...,
+    seed: Seed = ...,
     tolerance: float = ...,
     **options: Unpack[ExperimentOptions],
 ) -> Experiment: ...
@@ -154,7 +175,8 @@ def simulate(
     kind: str = "perturbation",
     *,
     noise: float = 0.01,
-    seed: int | np.random.Generator = 0,
+    rng: Seed = None,
+    seed: Seed = None,
     tolerance: float = 1e-6,
     **options: Unpack[ExperimentOptions],
 ) -> Experiment:
@@ -165,7 +187,7 @@ def simulate(
 
     ``rf.simulate(model, params, speed_rpm=1000, frequency_rpm=np.linspace(100, 3000, 60), force=2.0)`` is a
     perturbation test; ``force=[0.5, 1, 2, 4]`` an amplitude sweep, ``load=-3j`` makes it one about an off-centre
-    equilibrium. Options of the kinds:
+    equilibrium. ``speed`` and ``frequency`` are in rad/s, ``frequency_hz`` in Hz. Options of the kinds:
 
     - ``perturbation``: speed_rpm, frequency_rpm, force or unbalance, planes, order, load, load_plane
     - ``squeeze-film``: frequency_rpm, force or unbalance, planes
@@ -184,7 +206,8 @@ def simulate(
         kind: a name above.
         noise: standard deviation of real and imaginary part of a reading over the rms reading in its run and channel;
             of a ring-down record over its rms vibration.
-        seed: seed, or generator, of the noise.
+        rng: of the noise, a generator or its seed, 0 by default.
+        seed: the same.
         tolerance: of the integration, as a fraction of the motion.
         options: speeds, forces and so on of the kind.
 
@@ -210,12 +233,12 @@ def simulate(
         raise ValueError(unknown_name("kind of experiment", kind, SIMULATED))
     if not (np.isfinite(noise) and noise >= 0 and 0 < tolerance < 1e-2):
         raise ValueError(f"noise must be zero or positive and tolerance within (0, 0.01), got {noise} and {tolerance}")
-    check_options(kind, options, SIMULATED)
+    settings = checked_options(kind, options, SIMULATED)
     rig = VirtualRig(
         model=model,
         theta=model.vector(params),
         noise=float(noise),
         tolerance=tolerance,
-        rng=np.random.default_rng(seed),
+        rng=np.random.default_rng(chance(rng, seed, 0)),
     )
-    return SIMULATED[kind](rig, **options)
+    return SIMULATED[kind](rig, **settings)

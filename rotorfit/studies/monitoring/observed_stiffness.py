@@ -16,7 +16,7 @@ import numpy as np
 from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.digits import significant
 from rotorfit.base.text_table import Printed, Wide, text_table
-from rotorfit.base.units import RAD_S_PER_RPM, RPM_PER_RAD_S
+from rotorfit.base.units import RPM_PER_RAD_S, in_rad_s
 from rotorfit.estimators.inference.covariance import widening
 from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.several_forces import refuse_several
@@ -69,13 +69,14 @@ class ObservedStiffness(Printed):
 
 
 def observed_stiffness(
-    test: PerturbationTest, *, speed_rpm: tuple[float, float] | None = None
+    test: PerturbationTest, *, speed: tuple[float, float] | None = None, speed_rpm: tuple[float, float] | None = None
 ) -> list[ObservedStiffness]:
     """Observed dynamic stiffness of a synchronous test, for every date, force plane and probe plane.
 
     Args:
         test: a synchronous test of known weights, with residual unbalance taken out: pairs at 0 and 180 degrees, or a
             run without the weight (``rf.read`` differences both). An attribute ``date`` parts it into dates.
+        speed: range of speeds, rad/s.
         speed_rpm: range of speeds to use; observed K, M and D are those of one mode, so stay below the next critical.
 
     Returns:
@@ -97,11 +98,14 @@ def observed_stiffness(
         raise ValueError(f"{where} is not synchronous: observed stiffness needs frequency = speed on all rows")
     refuse_several(test, "observed stiffness")
     rows = (test.force != 0) & (test.speed > 0)
-    if speed_rpm is not None:
-        low, high = (limit * RAD_S_PER_RPM for limit in speed_rpm)
+    used = in_rad_s("speed", speed, needed=False, rpm=speed_rpm)
+    if used is not None:
+        low, high = used
         rows &= (test.speed >= low) & (test.speed <= high)
     if not rows.any():
-        raise ValueError(f"{where} has no reading under a known weight" + (" at these speeds" if speed_rpm else ""))
+        raise ValueError(
+            f"{where} has no reading under a known weight" + (" at these speeds" if used is not None else "")
+        )
     test = test.select(rows)
     dates = test.attributes["date"].astype(str) if "date" in test.attributes else np.full(len(test), "")
     found = []

@@ -11,6 +11,7 @@ import numpy as np
 
 from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
+from rotorfit.base.chance import Seed, seed_of
 from rotorfit.base.digits import significant
 from rotorfit.base.significance import P_CHANCE
 from rotorfit.base.text_table import Printed
@@ -134,7 +135,12 @@ class MachineTrend(Printed):
 
 
 def trend(
-    tests: Sequence[ObservedStiffness | DatedValues], *, false_alarm: float = 0.01, orders: int = 1999, seed: int = 0
+    tests: Sequence[ObservedStiffness | DatedValues],
+    *,
+    false_alarm: float = 0.01,
+    orders: int = 1999,
+    rng: Seed = None,
+    seed: Seed = None,
 ) -> MachineTrend:
     """Follow dated tests of one machine: is there a change of level, when, how large, and of what alone.
 
@@ -145,7 +151,8 @@ def trend(
         tests: of :func:`rotorfit.observed_stiffness`, all dates together, or values of one's own.
         false_alarm: probability of finding a change in any place where there is none.
         orders: random orders of the tests that the change is compared with.
-        seed: of the orders.
+        rng: of the orders, a generator or its seed, 0 by default.
+        seed: the same.
 
     Raises:
         ValueError: no tests, dates that cannot be read or are given for some only, or tests with nothing in common.
@@ -174,7 +181,8 @@ def trend(
     if orders < 10 / level:
         orders = int(np.ceil(10 / level))  # a p-value below the level needs so many orders
     in_time = {name: sorted(own, key=_time) if own[0].date else own for name, own in by_place.items()}
-    places = (_place(name, own, level, orders, seed) for name, own in in_time.items())
+    start = seed_of(rng, seed, 0)
+    places = (_place(name, own, level, orders, start) for name, own in in_time.items())
     return MachineTrend(places=tuple(places))
 
 

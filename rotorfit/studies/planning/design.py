@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from rotorfit.base.array_types import Float, Index
 from rotorfit.base.digits import significant
 from rotorfit.base.names import unknown_name
-from rotorfit.base.units import RAD_S_PER_RPM, RPM_PER_RAD_S
+from rotorfit.base.units import RAD_S_PER_RPM, RPM_PER_RAD_S, in_rad_s
 from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.models import RotorModel
 from rotorfit.models.motion.journal import journal
@@ -29,6 +29,9 @@ class Design:
     Attributes:
         speed_rpm: rotative speeds that are possible.
         frequency_rpm: frequencies of a sweep, positive.
+        speed: the speeds in rad/s.
+        frequency: the frequencies in rad/s.
+        frequency_hz: the same in Hz.
         directions: ``forward`` and ``backward``, or one of them.
         force_planes: planes that can be forced; all of the model unless given.
         probes: planes that are read in x and y, or probes, ``"disk rx"``; all of the model unless given.
@@ -46,8 +49,11 @@ class Design:
         >>> design = rf.Design(speed_rpm=[1000, 2000], frequency_rpm=[400, 800, 1200], force_N=5.0)
     """
 
-    speed_rpm: ArrayLike
-    frequency_rpm: ArrayLike
+    speed_rpm: ArrayLike | None = None
+    frequency_rpm: ArrayLike | None = None
+    speed: ArrayLike | None = None
+    frequency: ArrayLike | None = None
+    frequency_hz: ArrayLike | None = None
     directions: str | Sequence[str] = ("forward", "backward")
     force_planes: str | Sequence[str] | None = None
     probes: str | Sequence[str] | None = None
@@ -90,12 +96,12 @@ class Design:
     @property
     def speeds(self) -> Float:
         """Possible speeds, rad/s, ascending."""
-        return _rates("speed_rpm", self.speed_rpm)
+        return _rates("speed", self.speed, rpm=self.speed_rpm)
 
     @property
     def frequencies(self) -> Float:
         """Frequencies of a sweep, rad/s, ascending."""
-        return _rates("frequency_rpm", self.frequency_rpm)
+        return _rates("frequency", self.frequency, rpm=self.frequency_rpm, hz=self.frequency_hz)
 
     def words(self, name: str) -> tuple[str, ...]:
         """One word or several as a tuple.
@@ -111,14 +117,17 @@ SENSE = {"forward": 1.0, "backward": -1.0}
 """Sign of the frequency of each direction."""
 
 
-def _rates(name: str, values: ArrayLike) -> Float:
+def _rates(name: str, values: Any, **by_unit: Any) -> Float:
+    given = {name: values, **{f"{name}_{unit}": one for unit, one in by_unit.items()}}
+    told = ", ".join(f"{one}={value!r}" for one, value in given.items() if value is not None)
+    rates = in_rad_s(name, values, **by_unit)
     try:
-        found = np.unique(np.atleast_1d(np.asarray(values, dtype=float)))
+        found: Float = np.unique(np.atleast_1d(np.asarray(rates, dtype=float)))
     except (TypeError, ValueError):
-        raise ValueError(f"{name} is {values!r}; numbers in rpm are needed") from None
+        raise ValueError(f"{told}: numbers are needed") from None
     if not found.size or not np.isfinite(found).all():
-        raise ValueError(f"{name} must be finite numbers in rpm, at least one; got {values!r}")
-    return np.asarray(found * RAD_S_PER_RPM)
+        raise ValueError(f"{told}: finite numbers are needed, at least one")
+    return found
 
 
 _TRANSIENT = 0.01

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.base.array_types import Float
+from rotorfit.base.chance import Seed, seed_of
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.inference.optimal_shares import Lines
 from rotorfit.identify.fitting.causes.calibration import Calibration
@@ -51,7 +52,8 @@ def plan(
     causes: Mapping[str, float] | None = MappingProxyType({}),
     even: float = 0.3,
     draws: int = 16,
-    seed: int = 0,
+    rng: Seed = None,
+    seed: Seed = None,
 ) -> Plan:
     """Say before a test which errors it will give, what it leaves open, and how its time is best spent.
 
@@ -78,7 +80,8 @@ def plan(
             Errors are those that it will print, causes included.
         even: part of the averaging time that is spread over all lines alike, against errors of the model.
         draws: vectors drawn where values are not numbers.
-        seed: of the draws.
+        rng: of the draws, a generator or its seed, 0 by default.
+        seed: the same.
 
     Raises:
         TypeError: values or tests of another kind.
@@ -124,7 +127,8 @@ def plan(
     )  # fmt: skip
     task = Task(
         model=model, values=values, patterns=patterns, settings=settings, noise=noise, quantity=quantity,
-        even=float(even), draws=draws, seed=seed, band=_band(model, earlier, patterns, design), before=before,
+        even=float(even), draws=draws, seed=seed_of(rng, seed, 0), before=before,
+        band=_band(model, earlier, patterns, design),
     )  # fmt: skip
     chosen, choices = (None, []) if design is None else with_best_speeds(task, design)
     made = task.solved(chosen)

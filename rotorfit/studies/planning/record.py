@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
 from rotorfit.base.atomic_file import whole_file
+from rotorfit.base.chance import Seed, seed_of
 from rotorfit.base.digits import significant, with_errors
 from rotorfit.base.names import unknown_name
 from rotorfit.base.text_table import Printed, text_table
@@ -146,12 +147,15 @@ class Plan(Printed):
         with whole_file(Path(path)) as draft:
             write_csv(self.test, draft)
 
-    def virtual_run(self, *, values: Mapping[str, float] | None = None, seed: int = 0) -> PerturbationTest:
+    def virtual_run(
+        self, *, values: Mapping[str, float] | None = None, rng: Seed = None, seed: Seed = None
+    ) -> PerturbationTest:
         """The planned test as the rotor would fill it in: integrated in time, read with the planned noise.
 
         Args:
             values: true parameters, SI, where they are not the guessed ones.
-            seed: of the noise.
+            rng: of the noise, a generator or its seed, 0 by default.
+            seed: the same.
 
         Raises:
             ValueError: only experiments were given as patterns; a rotor that is unstable at a speed of the test.
@@ -174,7 +178,7 @@ class Plan(Printed):
                 raise KeyError(unknown_name(f"parameter of {self.model.name}", name, self.model.parameter_names))
             theta[self.model.parameter_names.index(name)] = value
         weight = self.share * self.share.size
-        return virtual_run(self.model, theta, self.test, self.expectation.noise, weight, seed)
+        return virtual_run(self.model, theta, self.test, self.expectation.noise, weight, seed_of(rng, seed, 0))
 
     def __str__(self) -> str:
         more = ["noise", "bounded", "on trust"] * bool(self.expectation.causes)

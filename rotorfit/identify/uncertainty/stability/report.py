@@ -13,7 +13,7 @@ import numpy as np
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
 from rotorfit.base.names import unknown_name
-from rotorfit.base.units import RAD_S_PER_RPM, RPM_PER_RAD_S
+from rotorfit.base.units import RPM_PER_RAD_S, in_rad_s
 from rotorfit.estimators.inference.identifiability import UNSEEN_CHANGE
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.uncertainty.derived import DERIVED_DRAWS, SHAFT_DRAWS
@@ -27,6 +27,8 @@ from rotorfit.models.coefficient_tables import loop_stiffness
 def stability_report(
     fit: FitResult,
     *,
+    max_speed: float | None = None,
+    min_speed: float | None = None,
     max_speed_rpm: float | None = None,
     min_speed_rpm: float | None = None,
     min_decrement: float = 0.1,
@@ -49,7 +51,9 @@ def stability_report(
         if limit is not None and not (isinstance(limit, Real) and 0 < float(limit) < math.inf):
             raise ValueError(f"{name} is {limit!r}; a limit is a positive, finite number")
     group = fit.group(at)
-    running = _running(fit, min_speed_rpm, max_speed_rpm, level)
+    lowest = in_rad_s("min_speed", min_speed, needed=False, rpm=min_speed_rpm)
+    highest = in_rad_s("max_speed", max_speed, needed=False, rpm=max_speed_rpm)
+    running = _running(fit, lowest, highest, level)
     coupling = _at_planes(fit, cross_coupling, "cross-coupling")
     if coupling and not has_planes(fit.model):
         raise ValueError(f"{fit.model.name} is written in modes, where a cross-coupling at a plane has no place")
@@ -110,11 +114,12 @@ def _running(fit: FitResult, lowest: float | None, highest: float | None, level:
             raise ValueError(
                 "give the highest running speed (max_speed_rpm=, --max-speed): the tests were at rest or name no speeds"
             )
-        highest = float(fit.speeds.max()) * RPM_PER_RAD_S
+        highest = float(fit.speeds.max())
     lowest = highest if lowest is None else lowest
     if not (math.isfinite(lowest) and math.isfinite(highest) and 0 < lowest <= highest):
-        raise ValueError(f"running speeds are positive, the lowest first: got {lowest:g} to {highest:g} rpm")
-    return lowest * RAD_S_PER_RPM, highest * RAD_S_PER_RPM
+        ends = f"{lowest * RPM_PER_RAD_S:g} to {highest * RPM_PER_RAD_S:g} rpm"
+        raise ValueError(f"running speeds are positive, the lowest first: got {ends}")
+    return float(lowest), float(highest)
 
 
 def _at_planes(fit: FitResult, given: Mapping[str, float] | None, what: str) -> dict[str, float]:
