@@ -40,7 +40,7 @@ def fluid_force(K0: Any, D: Any, Mf: Any, lam_D: Any, lam_M: Any, speed: Any) ->
 
 def fluid_parameters(two_lam: bool) -> tuple[Parameter, ...]:
     """K0, D, lam (or lam_D and lam_M) and Mf; K0 has no lower limit, as near stall the radial stiffness is negative."""
-    ratio = "circumferential average velocity ratio"
+    ratio = "velocity ratio"
     apart = (("lam_D", f"{ratio} of the damping force"), ("lam_M", f"{ratio} of the inertia force"))
     lams = apart if two_lam else (("lam", f"fluid {ratio}"),)
     return (

@@ -356,6 +356,8 @@ class Anisotropic(RotorModel):
     def __init__(self, planes: Sequence[str] = ("journal",)) -> None:
         names = (planes,) if isinstance(planes, str) else tuple(planes)
         self.planes = one_per_coordinate(names, max(len(names), 1), self.name)
+        if len(names) == 1:
+            self.leads = ("coefficients",)
         self.parameters = tuple(
             Parameter(self._entry(kind, row, column), MATRIX_UNITS[kind], _MEANING[kind] + " coefficient", _SCALE[kind])
             for kind in "KDM"

@@ -69,6 +69,8 @@ class RotorModel(ABC):
     has_causes: bool = True  # whether effects beside it are listed for its fits: not where its values hold them
     in_band_only: bool = False  # its free motion is that of the rotor up to the tested frequencies only
     magnetic: tuple[str, ...] = ()  # planes in a magnetic bearing
+    # numbers that a first screen of its fits shows: names of parameters, or what ``headline.py`` works out of them
+    leads: tuple[str, ...] = ("threshold speed", "least damping", "D", "lam", "lam_D", "lam_M", "Mf", "K0")
     no_closed_form: str = ""  # why a closed form of it says nothing with errors, in words
     advice: str = ""  # what to do where it limits a fit, other than to let data ask for blocks
     turns: bool = False  # free motion (see motion) is written in turning coordinates, each motion with its image

@@ -80,12 +80,15 @@ def numbers_of(fit: rf.FitResult) -> Numbers:
 
 
 _NUMBER = re.compile(r"(?<![\w.])[-+]?(\d[\d,]*\d|\d)(\.\d+)?(e[-+]?\d+)?(?!\w)")
+_CONTINUED = re.compile(r"\n +(?![ -])")
 _WORD = re.compile(r"[A-Za-z]{2,}")
 
 
 def without_numbers(text: str) -> list[str]:
-    """Lines of four words or more, each once, each number a #."""
-    lines = (" ".join(_NUMBER.sub("#", line).split()) for line in text.splitlines())
+    """Lines of four words or more, each once, each number a #; where they break depends on the numbers."""
+    head, *parts = text.split("\n\n")
+    whole = [" ".join(head.split("\n")), *_CONTINUED.sub(" ", "\n".join(parts)).splitlines()]
+    lines = (" ".join(_NUMBER.sub("#", line).split()) for line in whole)
     return list(dict.fromkeys(line for line in lines if len(_WORD.findall(line)) >= 4))
 
 

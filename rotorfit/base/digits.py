@@ -8,6 +8,9 @@ from __future__ import annotations
 
 import math
 
+NOT_DETERMINED = "not determined"
+"""In place of a number that the data do not determine."""
+
 _ROUND_OFF = 1e-14
 """Error over value below which there is none."""
 
@@ -68,7 +71,7 @@ def two_digits(value: float, sign: str = "-") -> str:
 def plus_minus(value: float, error: float) -> str:
     """``value +- error``, the value alone where the error is zero, or that the data do not determine it."""
     if not (math.isfinite(value) and math.isfinite(error)):
-        return "not determined"
+        return NOT_DETERMINED
     if error <= _ROUND_OFF * abs(value):
         return with_error(value, error)[0]
     return " +- ".join(with_error(value, error))
@@ -78,7 +81,7 @@ def interval(low: float, high: float) -> str:
     """An interval, to the second digit of a quarter of its width, about the standard error; words where it is NaN. Ends
     that are decades apart have two digits each: the width says nothing of the lower one."""
     if math.isnan(low) or math.isnan(high):
-        return "not determined"
+        return NOT_DETERMINED
     width = (high - low) / 4
     if not width > 0 or math.isinf(width):
         return f"[{significant(low, 6)}, {significant(high, 6)}]"

@@ -11,7 +11,7 @@ import pytest
 from clean_rigs import clean_test
 from fe_rigs import K3, RPM, TYPICAL, Rig, random_rig
 from honest_errors import WORLDS, simulate
-from plain import plain_fit
+from plain import plain_fit, summary_words
 from sentences import hear
 from slips import forced_by, read_through, thinned
 from slow_cases import slow_but
@@ -247,7 +247,7 @@ def test_wrong_known_values_are_no_slip_of_the_readings(known: dict[str, float],
 @pytest.mark.slow
 def test_a_known_damping_twice_too_large_is_said_beside_the_scale_that_it_asks_for(rig: PerturbationTest) -> None:
     fit = plain_fit(rf.models.WhirlWhip(), rig, known={"K3": K3, "D": 2 * TYPICAL["D"]})
-    assert any("unless what was given as known (K3, D) is wrong" in told for told in said(fit))
+    assert any("unless what was given as known (K3, D) is wrong" in told for told in summary_words(fit))
 
 
 @pytest.mark.parametrize("start", [{"lam": 1.9}, {"K0": 5e8, "D": 4e6, "M": 12e3, "Mf": 1.5e3}])
@@ -266,7 +266,7 @@ def test_a_search_that_went_astray_blames_itself_and_not_the_data(start: dict[st
         values = {name: float(value) for name, value in re.findall(r"(\w+)=(-?[\d.e+-]+\d)", found[0].undo or "")}
         assert values == pytest.approx({name: truth[name] for name in values}, rel=0.2)
         assert set(values) == {"M", "K0", "D", "lam", "Mf"}
-        assert "The search ended in a local minimum" in astray.summary()
+        assert "The search ended in a local minimum" in summary_words(astray)
 
 
 def test_an_internal_problem_of_the_diagnosis_is_the_programs_own(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -283,7 +283,7 @@ def test_an_internal_problem_of_the_diagnosis_is_the_programs_own(monkeypatch: p
     (own,) = [one for one in again if one.code == "internal-problem"]
     assert own.severity == "warning"
     assert "not of these data" in own.message
-    assert own.message in replace(fit).summary()
+    assert own.message in summary_words(replace(fit))
     assert "IndexError" in own.message
 
 

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from own_model import Disk
-from plain import plain_fit
+from plain import plain_fit, summary_words, table_row
 from scipy import stats
 from sentences import refuses
 from slow_cases import slow_but
@@ -356,9 +356,8 @@ def test_a_fit_cut_short_is_a_result_that_says_so():
     assert not fit.success
     assert "did not converge" in fit.warnings[0]
     # Its curvature tells nothing of the error: no bars.
-    row = next(line for line in fit.summary().splitlines() if line.startswith("lam "))
-    assert row.split()[2] == "-"
-    assert "threshold speed: not given" in fit.summary()
+    assert table_row(fit, "lam")[2] == "-"
+    assert "threshold speed: not given" in summary_words(fit)
     assert all(np.isnan(p.stderr) and np.isnan(p.stderr) for p in fit.params.values() if p.vary)
     assert np.isnan(fit.propagate(1.0, np.ones(len(OneMode().parameters)), "1").stderr)
     assert np.isfinite(fit.x).all()
@@ -447,7 +446,7 @@ def test_summary_shows_what_a_reader_needs():
     text = fit.summary()
     for word in ("lam", "stderr", "known", "redchi", "identifiability", "threshold speed", "rpm", "whirl ratio"):
         assert word in text
-    assert str(fit) == text
+    assert text.startswith(str(fit))
     modes = fit.natural_frequencies(100.0)
     assert len(modes) == 2
     assert all(np.isfinite(frequency.stderr) and np.isfinite(damping.stderr) for frequency, damping in modes)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plain import plain_fit
+from plain import plain_fit, summary_words
 from scipy import integrate, stats
 from slow_cases import slow_but
 
@@ -122,7 +122,7 @@ def test_runs_that_agree_are_seldom_allowed_to_differ_and_hardly_ever_warned_of(
     for fit in allowed:
         assert not fit.noise.effects
         (sentence,) = set(fit.noise.sentences) - set(replace(fit.noise, possible_effects=()).sentences)
-        assert sentence in fit.summary()
+        assert sentence in summary_words(fit)
         assert sentence not in fit.warnings
         assert not fit.problem.space.nuisance  # the estimate does without them
         alone = dict(zip(fit.var_names, np.sqrt(np.diag(inverse_curvature(fit.problem, fit.x))), strict=False))
@@ -170,9 +170,9 @@ def test_noise_beyond_that_of_the_probes_is_no_misfit():
     (level,) = fit.noise.response_noise
     # 1 % along and across the response; 120 complex samples tell a level within 5 % or so.
     assert level.share == pytest.approx(0.01, rel=0.25)
-    assert "noise:" in fit.summary()
+    assert "NOISE" in summary_words(fit)
     # 0.2 % of a response of tens of micrometres: said in the unit of probes, not in metres.
-    said = float(re.search(r"([\d.e-]+) um \(rms\), and [\d.]+ % of the response", fit.summary()).group(1))
+    said = float(re.search(r"([\d.e-]+) um \(rms\), and [\d.]+ % of the response", summary_words(fit)).group(1))
     assert said == pytest.approx(1e6 * level.constant, rel=0.05)
     assert level.unit == "m"
 
@@ -220,7 +220,7 @@ def test_what_differs_from_run_to_run_is_named_and_widens(name, kind):
 def test_two_runs_say_that_they_tell_little():
     fit = fitted(World(constant=0.003, speeds=(140.0,)), 0)
     assert fit.noise.run_count == 2
-    assert "two runs" in fit.summary()
+    assert "two runs" in summary_words(fit)
 
 
 def test_offsets_of_the_phase_reference_leave_the_first_run_no_exception():

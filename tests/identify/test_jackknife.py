@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from plain import summary_words
 from scipy import stats
 from sentences import refuses
 
@@ -62,8 +63,8 @@ def test_what_one_run_alone_determines_has_no_error() -> None:
 def test_the_summary_shows_it_beside_the_random_effect() -> None:
     _, fit = fitted(OIL, 1)
     error = fit.jackknife().parameter("D").stderr
-    assert "leaving out runs one by one" in fit.summary()
-    assert f"D {error:.2g}" in fit.summary()
+    assert "leaving out runs one by one" in summary_words(fit)
+    assert f"D {error:.2g}" in summary_words(fit)
 
 
 def test_two_runs_are_refused() -> None:

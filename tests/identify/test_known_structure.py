@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from beams import shaft
 from known_shaft import FITTED, PLANES, RIG, TRUTH, known_rig, rig_matrices
-from plain import moves_of, plain_fit
+from plain import moves_of, plain_fit, summary_words
 from scipy.linalg import block_diag
 from sentences import refuses
 from synthetic import circular_test
@@ -473,7 +473,7 @@ def test_a_fit_with_a_factor_states_its_reduction():
     test = rf.perturbation_test(**data, run=data["force_plane"], speed=200.0, force=10.0, direction="z")
     free = plain_fit(model, test, known={"E_scale": None})
     assert abs(free.params["E_scale"].value - 0.97) < 3.5 * free.params["E_scale"].stderr
-    assert "the structure's 58 coordinates were reduced to" in free.summary()
+    assert "the structure's 58 coordinates were reduced to" in summary_words(free)
     stated = structure_error(free)
     assert stated.over_noise < 1e-3  # 1e-7 of the stiffness, times resonances of Q 100, over noise of 1e-2
     assert stated.estimate < BASIS_TOLERANCE

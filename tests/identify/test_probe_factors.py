@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plain import plain_fit
+from plain import plain_fit, summary_words
 from scipy import optimize, stats
 from sentences import hear, refuses
 from slow_cases import slow_but
@@ -268,7 +268,7 @@ def test_a_probe_that_reads_low_is_named_and_a_right_one_is_not(kind: str, count
         assert len(named(fit)) == (1 if len(planes) == 3 else 2)  # two planes tell a ratio
         first = fit.causes.found[0]
         assert abs(first.alone[0]) == pytest.approx(0.051, abs=4 * first.alone[1])
-        assert f'known={{"beta{planes.index(first.name[5:-1]) + 1}": None}}' in fit.summary()
+        assert f'known={{"beta{planes.index(first.name[5:-1]) + 1}": None}}' in summary_words(fit)
         assert not named(of_benchmark(kind, number, "")[0])
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from plain import plain_fit
+from plain import plain_fit, summary_words
 from scipy.optimize import least_squares, minimize
 from synthetic import (
     KNOWN,
@@ -175,11 +175,11 @@ def test_a_result_says_which_start_was_taken():
     assert rf.closed_form(WhirlWhip(), test, known=known).start == "closed form"
     fit = plain_fit(WhirlWhip(), test, known=known)
     assert fit.start == "closed form"
-    assert "start: closed form" in fit.summary()
+    assert "start: closed form" in summary_words(fit)
     partly = plain_fit(WhirlWhip(), test, known=known, start={"lam": 0.4})
     assert partly.start == "closed form"
     assert partly.params["lam"].init_value == 0.4
-    assert "start: closed form, with lam given" in partly.summary()
+    assert "start: closed form, with lam given" in summary_words(partly)
     values = {name: value for name, value in truth.items() if name not in known}
     assert plain_fit(WhirlWhip(), test, known=known, start=values).start == "given"
     assert plain_fit(WhirlWhip(), test, known=known, phase_offsets="common").start == "short fit"
@@ -221,7 +221,7 @@ def test_what_may_be_a_local_minimum_is_called_so():
     fit = plain_fit(MODELS["overhung"](), test)
     assert fit.chisqr > best_from_the_truth(truth, test) + 10  # if ever a start finds it, this needs another rotor
     (doubt,) = (warning for warning in fit.warnings if "perhaps a local minimum" in warning)
-    assert doubt in fit.summary()
+    assert doubt in summary_words(fit)
 
 
 # ---- start values that were given -----------------------------------------------------------------------------------

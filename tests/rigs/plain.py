@@ -18,3 +18,14 @@ def moves_of(fit: rf.FitResult, cause: str, name: str) -> float:
     assert solved is not None
     place = [one.name for one in solved.causes].index(cause)
     return float(solved.errors.moves[fit.var_names.index(name), place])
+
+
+def summary_words(fit: rf.FitResult) -> str:
+    """The summary without its line breaks, which part sentences."""
+    return " ".join(fit.summary().split())
+
+
+def table_row(fit: rf.FitResult, name: str) -> list[str]:
+    """Words of a parameter's line in the table of a summary."""
+    table = fit.summary().partition("\nparameter ")[2]
+    return next(line.split() for line in table.splitlines() if line.startswith(f"{name} "))

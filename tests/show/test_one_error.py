@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plain import table_row
 
 import rotorfit as rf
 from rotorfit.apps.app.results import parameter_table
@@ -97,16 +98,16 @@ def test_one_group_has_the_errors_of_none(fit: FitResult):
 
 def test_tables_print_what_the_parameters_have(fit: FitResult, tmp_path: Path):
     """The summary, the table of a notebook, the front and the report round one error to the same digits."""
-    from rotorfit.base.digits import interval, with_error
+    from rotorfit.base.digits import with_error
 
     own = fit.params["D"]
     _, error = with_error(own.value, own.stderr)
-    summary = next(line for line in fit.summary().splitlines() if line.startswith("D "))
-    assert summary.split()[2] == error
+    assert table_row(fit, "D")[2] == error
     assert f"<td>{error}</td>" in fit._repr_html_()
     front = str(parameter_table(fit))
     assert re.search(rf">{re.escape(error)}<", front)
-    assert interval(*own.interval()) in front
+    low, high = (with_error(end, own.stderr)[0] for end in own.interval())
+    assert f">{low} to {high}<" in front
     report = rf.write_report(fit, tmp_path / "report.html", figure_format="none").read_text(encoding="utf-8")
     assert re.search(rf">{re.escape(error)}<", report)
 

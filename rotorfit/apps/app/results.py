@@ -16,7 +16,7 @@ from rotorfit.apps.app import parts
 from rotorfit.apps.app.session import Session, toml_of
 from rotorfit.apps.study_files.results import status
 from rotorfit.apps.study_files.wording import sentence
-from rotorfit.base.digits import interval, significant, with_error
+from rotorfit.base.digits import interval, significant
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.diagnosis.data_errors import PHASE_ZEROS
 from rotorfit.identify.fitting.fit_file import fit_to_json
@@ -60,11 +60,11 @@ def parameter_table(fit: FitResult) -> Html:
     head = ["parameter", "value", "standard error", "95 % interval", "unit", "", "meaning"]
     rows = []
     for p in fit.params.values():
-        shown, said = [f"{p.value:.10g}" if not p.vary else "", "", ""], status(p)
-        if p.vary and p.resolved:
-            shown = [*with_error(p.value, p.stderr), interval(*p.interval())]
-            said = "" if said == "fitted" else said
-        rows.append([p.name, *shown, "" if p.unit == "1" else p.unit, said, p.meaning])
+        shown, said = p.shown(), status(p)
+        ends = f"{shown.low} to {shown.high}" if shown.low else ""
+        number = shown.value if p.determined else ""
+        said = "" if said == "fitted" else said
+        rows.append([p.name, number, shown.error, ends, "" if p.unit == "1" else p.unit, said, p.meaning])
     return table(head, rows, numeric=(1, 2, 3), whole=(4,))
 
 

@@ -141,8 +141,8 @@ def status(p: FittedParameter) -> str:
     """How a parameter came to its value, in a word or two for tables."""
     if not p.vary:
         return "known"
-    if not p.resolved:
-        return "not determined"
+    if not p.determined:
+        return p.shown().value
     return "at its bound" if p.at_bound else "fitted"
 
 

@@ -22,7 +22,8 @@ from rotorfit.lab.data.rows import Experiment
 def summary(outcome: Outcome, rig: str = "") -> str:
     """Data, check, fit and refinement as text for a terminal, and the truth of a simulated rig if one is named."""
     best = outcome.best
-    parts = [f"ERROR in the data, no number below can be relied on: {message}" for message in outcome.data_errors]
+    errors = [f"ERROR in the data, no number below can be relied on: {message}" for message in outcome.data_errors]
+    parts = ["\n".join([*errors, fit_table(best, [one for some in outcome.findings for one in some])])]
     parts.append("\n".join(map(describe_test, outcome.experiments, outcome.findings)))
     if isinstance(outcome.closed, str):
         parts.append(f"no closed form: {outcome.closed}")
@@ -30,7 +31,6 @@ def summary(outcome: Outcome, rig: str = "") -> str:
         parts.append(_comparison(outcome.closed, outcome.fit))
     if outcome.refinement is not None:
         parts.append("structural refinement\n" + outcome.refinement.table())
-    parts.append(fit_table(best))
     if best.settings.calibration is not None:
         parts.append(str(best.budget()))
     if outcome.profiles:

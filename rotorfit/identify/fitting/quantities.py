@@ -15,7 +15,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from rotorfit.base.array_types import Float
-from rotorfit.base.digits import plus_minus
+from rotorfit.base.digits import NOT_DETERMINED, significant, with_error, with_errors
 from rotorfit.base.names import unknown_name
 from rotorfit.base.significance import quantile
 from rotorfit.base.text_table import Printed, text_table
@@ -87,6 +87,25 @@ class ErrorBar:
         return next((name for name, share in self.on_trust.items() if abs(share) >= alike * most), "")
 
 
+@dataclass(frozen=True, kw_only=True)
+class Shown:
+    """A number as every table, page and text writes it, to the second significant digit of its error."""
+
+    value: str  # or that the data do not determine it
+    error: str = ""  # none of a known value, a dash where the search did not converge
+    low: str = ""  # ends of the 95 % interval, likewise
+    high: str = ""
+    unit: str = ""  # none without dimension
+
+    def __str__(self) -> str:
+        return " ".join(filter(None, (self.number, self.unit)))
+
+    @property
+    def number(self) -> str:
+        """Value and error without the unit."""
+        return f"{self.value} +- {self.error}" if self.error.strip("-") else self.value
+
+
 class Source(Protocol):
     """A result that knows how its parameters vary together, and what they rest on."""
 
@@ -115,6 +134,31 @@ class Number(Printed):
         @property
         def _quantity(self) -> Quantity:
             """The number as a quantity."""
+
+        def interval(self, level: float = 0.95, *, share: Share = "all") -> tuple[float, float]:
+            """Confidence interval."""
+
+    @property
+    def determined(self) -> bool:
+        """True if the data determine it."""
+        return math.isfinite(self._quantity.value) and not math.isinf(self._quantity.stderr)
+
+    def shown(self) -> Shown:
+        """The number as every table and page of it shows it.
+
+        Example:
+            >>> fit.params["D"].shown().number
+            '449 +- 16'
+        """
+        own = self._quantity
+        if not self.determined:
+            return Shown(value=NOT_DETERMINED)
+        unit = shown_unit(own.unit)
+        if own.stderr == 0:
+            return Shown(value=significant(own.value, 7), unit=unit)
+        value, error = with_error(own.value, own.stderr)
+        low, high = (with_error(end, own.stderr)[0] for end in self.interval())
+        return Shown(value=value, error=error, low=low, high=high, unit=unit)
 
     def __add__(self, other: Number | float) -> Quantity:
         return _combined(self, 1.0, other, 1.0, self.value + _value(other), _same_unit(self, other))
@@ -341,9 +385,7 @@ class Quantity(Number):
         return f"<{self}>"
 
     def __str__(self) -> str:
-        if not math.isfinite(self.stderr):
-            return "not determined by these data"
-        return f"{plus_minus(self.value, self.stderr)} {shown_unit(self.unit)}".rstrip()
+        return str(self.shown()) if math.isfinite(self.stderr) else f"{NOT_DETERMINED} by these data"
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -393,6 +435,20 @@ class FittedParameter(Number):
         return Quantity(*alone, source=self.fit, slopes={self.name: 1.0})
 
     @property
+    def determined(self) -> bool:
+        """True if the data determine it, or it is known."""
+        return self.resolved and not (self.vary and math.isinf(self.stderr))
+
+    def shares(self) -> tuple[str, ...]:
+        """Its error and shares of that by noise, bounded and on trust, as tables show them; nothing without an error.
+
+        A dash stands for a share that is zero.
+        """
+        if not (self.vary and self.determined):
+            return ()
+        return tuple(with_errors(self.value, self.stderr, self.stderr, self.noise, self.bounded, self.trust)[1:])
+
+    @property
     def error(self) -> ErrorBar | None:
         """The error share by share; None where no causes were solved, and for known parameters."""
         return self._quantity.error if self.vary else None
@@ -426,7 +482,7 @@ class FittedParameter(Number):
         return self._quantity.interval(level, share=share)
 
     def __str__(self) -> str:
-        return str(self._quantity) if self.vary else f"{self.value:.6g} {shown_unit(self.unit)}".rstrip() + ", known"
+        return str(self._quantity) if self.vary else f"{self.shown()}, known"
 
     def __repr__(self) -> str:
         return f"<{self.name}: {self}>"

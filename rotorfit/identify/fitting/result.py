@@ -147,7 +147,7 @@ class FitResult:
         raise AttributeError(f"a fit has no {name}{where}", name=name, obj=self)
 
     def __repr__(self) -> str:
-        """Model, data and goodness of fit, on one line; ``print(fit)`` shows the table of :meth:`summary`."""
+        """Model, data and goodness of fit, on one line; ``print(fit)`` shows the head of :meth:`summary`."""
         size = f"{self.nvarys} values from {self.ndata} data"
         return (
             f"<FitResult {self.model.name}, {self.method}: {size}, redchi {significant(self.redchi, 4)}, "
@@ -797,7 +797,9 @@ class FitResult:
         return fit_summary(self)
 
     def __str__(self) -> str:
-        return self.summary()
+        from rotorfit.identify.fitting.summary import fit_head
+
+        return fit_head(self)
 
     def _repr_html_(self) -> str:
         """Table for a notebook."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+import textwrap
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 from operator import add, mul, sub, truediv
@@ -11,20 +12,34 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotorfit.base.digits import plus_minus, significant, two_digits, with_error, with_errors
+from rotorfit.base.digits import significant, two_digits, with_error
 from rotorfit.base.text_table import Wide, text_html, text_table
 from rotorfit.base.units import RPM_PER_RAD_S
+from rotorfit.base.version import __version__
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.estimators.starting.start_points import EARLIER_FIT, GIVEN
 from rotorfit.identify.fitting.anisotropy import lines_cut_off
 from rotorfit.identify.fitting.causes.table import size_of
+from rotorfit.identify.fitting.headline import (
+    OVERDAMPED,
+    Headline,
+    decrement_of,
+    headline,
+    largest_on_trust,
+    leads_of,
+    modes_at,
+    named_modes,
+    rig_name,
+    task_of,
+    top_speed,
+)
 from rotorfit.identify.fitting.noise.record import NoiseVerdict, is_run_effect
 from rotorfit.identify.fitting.noise.residual_study import VERDICTS
 from rotorfit.identify.fitting.quantities import FittedParameter, Number, Quantity
 from rotorfit.identify.fitting.result import FitResult
-from rotorfit.lab.data.findings import errors_in, of_the_fit
+from rotorfit.lab.data.findings import Finding, errors_in, of_the_fit
 from rotorfit.models import RotorModel, TurningOnSupports, eigenvalues, unstable_bands
 from rotorfit.models.motion.stability import growing_bands
 from rotorfit.models.parameters import bare_name
@@ -36,6 +51,8 @@ if TYPE_CHECKING:
     from rotorfit.identify.fitting.noise.residual_study import ResidualStudy
     from rotorfit.identify.fitting.quantities import FittedParameter
 
+WIDTH = 88
+"""Letters of the longest line."""
 
 _FEW = 15  # degrees of freedom below which 1.96 standard errors are well short of a 95 % interval
 
@@ -57,43 +74,133 @@ def combined(fit: FitResult, combination: Combination) -> str:
     sign, of = _MEANT[combination.kind]
     found = of(first, second)
     unit = f" {first.unit}" if combination.kind in ("sum", "difference") and first.unit != "1" else ""
-    return f"{first.name} {sign} {second.name} = {plus_minus(found.value, found.stderr)}{unit}"
+    return f"{first.name} {sign} {second.name} = {found.shown().number}{unit}"
 
 
 def fit_summary(fit: FitResult) -> str:
     """Errors of the data, then :func:`fit_table`, and what the diagnosis found of the fit itself."""
-    errors = (f"ERROR in the data, no number below can be relied on: {words}" for words in errors_in(fit.findings))
-    return "\n".join([*errors, fit_table(fit), *(f"warning: {one.words}" for one in of_the_fit(fit.findings))])
+    more = [line for one in of_the_fit(fit.findings) for line in _wrapped(f"warning: {one.words}")]
+    return "\n".join([*error_lines(fit.findings), fit_table(fit), *more])
 
 
-def fit_table(fit: FitResult) -> str:
-    """Parameters, goodness of fit, identifiability, correlations worth knowing, stability and warnings."""
+def fit_head(fit: FitResult) -> str:
+    """The first lines of :func:`fit_summary`: verdict and five numbers."""
+    return "\n".join([*error_lines(fit.findings), *_head(headline(fit))])
+
+
+def error_lines(findings: Iterable[Finding]) -> list[str]:
+    """Errors of the data, which void all that follows."""
+    errors = (f"ERROR in the data, no number below can be relied on: {words}" for words in errors_in(findings))
+    return [line for words in errors for line in _wrapped(words)]
+
+
+def _wrapped(line: str, indent: str = "  ") -> list[str]:
+    """A line that may be longer than the page, in lines that are not."""
+    return textwrap.wrap(line, WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+
+
+def _head(head: Headline) -> list[str]:
+    """Rig, model and version; the verdict; five numbers with their errors and what most of these rests on."""
+    fit = head.fit
+    title, version = f"{rig_name(fit)}: {task_of(fit)}, {fit.model.name}", f"rotorfit {__version__}"
+    lines = [f"{title:{WIDTH - len(version) - 1}} {version}", *_wrapped(head.verdict, "")]
+    if not head.numbers:
+        return lines
+    rows: list[list[str | Wide]] = [["", "value", "+-", "95 % interval", "unit"]]
+    rests = ["largest on trust"]
+    for number in head.numbers:
+        shown, longest = number.shown, 20  # letters of a meaning
+        meaning = textwrap.shorten(number.meaning, longest, placeholder="")
+        named = number.name if number.is_named else f"{number.name:<4} {meaning}"
+        ends = f"{shown.low} to {shown.high}" if shown.low else ""
+        rows.append([named, shown.value, shown.error, ends, shown.unit] if number.known else [named, shown.value])
+        rests.append(largest_on_trust(fit, number.error))
+    table = text_table(rows, "<24 >8 >7 >17 <1")
+    room = WIDTH - max(map(len, table)) - 2
+    beside = [f"{line:{WIDTH - room}}{_within(rest, room)}".rstrip() for line, rest in zip(table, rests, strict=True)]
+    return [*lines, "", *beside]
+
+
+def _within(cause: str, room: int) -> str:
+    """A cause and its size, or as much of both as there is room for."""
+    noun, _, size = cause.rpartition(", ")
+    shorter = (f"{noun} {size}".strip(), noun, noun.partition(" at ")[0], "")
+    return next(words for words in shorter if len(words) <= room or not words)
+
+
+def fit_table(fit: FitResult, findings: Sequence[Finding] | None = None) -> str:
+    """Verdict and five numbers, what to do next, the fit in a line each, parameters, modes, causes, notes.
+
+    ``findings`` are those of the data, by default what the fit itself found.
+    """
+    head = headline(fit, findings)
     blocks = getattr(fit.model, "blocks", ())
     words = ", ".join(f"{block.replace('_', ' ')} ({block_symbols([block])})" for block in blocks)
     folded = [f"corrected for {words}: {len(correction_names(fit.model))} values, listed last"] if blocks else []
-    lines = [
-        f"{fit.model.name}, {fit.method}: {fit.message}" + (f"; start: {start_words(fit)}" if fit.nfev else ""),
-        f"{fit.ndata} real data, {fit.nvarys} fitted values, redchi {significant(fit.redchi, 4)}, "
-        f"AIC {fit.aic:.6g}, BIC {fit.bic:.6g}",
-        *_noise_lines(fit),
-        "",
-        *_parameter_lines(fit),
-        *folded,
-        "",
+    # ``known`` values and shares of errors stand in the table; below it is what a reader looks up.
+    below = [
         f"identifiability: {fit.identifiability}",
-        *(f"  determined: {words}" for words in (combined(fit, c) for c in fit.identifiability.combinations) if words),
+        *(
+            f"  - determined: {words}"
+            for words in (combined(fit, c) for c in fit.identifiability.combinations)
+            if words
+        ),
     ]
     pairs = notable_correlations(fit)
     if pairs:
-        lines.append("correlations: " + ", ".join(f"{a}-{b} {r:+.2f}" for a, b, r in pairs))
-    lines += _stability_lines(fit) if fit.success else ["threshold speed: not given, because the fit did not converge"]
-    lines += interval_lines(fit)
-    lines += _cause_lines(fit)
-    lines += [f"errors: {remark}" for remark in fit.remarks]
-    lines += [f"note: {caveat}" for caveat in caveats_of(fit)]
-    lines += [f"warning: {message}" for message in fit.warnings]
+        below.append("correlations: " + ", ".join(f"{a}-{b} {r:+.2f}" for a, b, r in pairs))
+    below += _stability_lines(fit) if fit.success else ["threshold speed: not given, because the fit did not converge"]
+    below += interval_lines(fit)
+    below += _cause_lines(fit)
+    below += [f"errors: {remark}" for remark in fit.remarks]
+    below += [f"start: {start_words(fit)}"] if fit.nfev else []
+    below += [f"note: {caveat}" for caveat in caveats_of(fit)]
+    below += [f"warning: {message}" for message in fit.warnings]
     corrections = _parameter_lines(fit, folded=True)
-    return "\n".join([*lines, *(["", "structural corrections", *corrections] if corrections else [])])
+    parts = [
+        _head(head),
+        _wrapped(f"To do next: {head.limit.remedy}; {head.limit.effect}.") if head.limit else [],
+        [line for name, said in _about(fit) for line in _wrapped(f"{name:<9}{said}", " " * 9)] + _noise_lines(fit),
+        [*_parameter_lines(fit), *folded],
+        _mode_lines(fit),
+        [line for words in below for line in _wrapped(words, " " * (len(words) - len(words.lstrip()) + 2))],
+        ["structural corrections", *corrections] if corrections else [],
+    ]
+    return "\n\n".join("\n".join(lines) for lines in parts if lines)
+
+
+def _about(fit: FitResult) -> Iterator[tuple[str, str]]:
+    """The fit and its data in a line each."""
+    limit = f" (noise alone: at most {significant(fit.largest_redchi, 3)})" if fit.problem.loss == "linear" else ""
+    misfit = f"redchi {significant(fit.redchi, 4)}{limit}"
+    yield "FIT", f"{fit.method}, {fit.ndata} real data, {fit.nvarys} fitted values, {misfit}; {fit.message}"
+    tests = fit.experiments
+    w = np.concatenate([np.zeros(0), *(test.frequencies for test in tests)])
+    runs = sum(len(test.runs) for test in tests)
+    said = [f"{runs} {'run' if runs == 1 else 'runs'}"]
+    for what, names in (
+        ("forced at", dict.fromkeys(name for test in tests for name in test.forces)),
+        ("read at", dict.fromkeys(name for test in tests for name in test.planes)),
+    ):
+        said += [f"{what} {', '.join(names)}"] * bool(names)
+    if w.size:
+        said.append(f"{significant(w.min() * RPM_PER_RAD_S, 5)} to {significant(w.max() * RPM_PER_RAD_S, 5)} rpm")
+    yield "DATA", ", ".join(said)
+
+
+def _mode_lines(fit: FitResult) -> list[str]:
+    """Modes at the highest tested speed, of a rotor that is judged by its modes."""
+    if not fit.success or fit.model.turns or "least damping" not in leads_of(fit):
+        return []
+    speed = top_speed(fit)
+    where = f"MODES at {significant(speed * RPM_PER_RAD_S, 4)} rpm" if fit.model.speed_dependent else "MODES"
+    rows = [[where, "frequency, rpm", "damping ratio", "log. decrement"]]
+    for name, frequency, ratio in named_modes(modes_at(fit, speed)):
+        way = "" if not fit.model.speed_dependent else "forward" if name.endswith("F") else "backward"
+        swings = abs(ratio.value) < OVERDAMPED
+        cells = [abs(frequency).to("rpm").shown().number, ratio.shown().number] if swings else ["overdamped", ""]
+        rows.append([f"{name}  {way}".rstrip(), *cells, decrement_of(ratio).shown().number if swings else ""])
+    return text_table(rows, "<22 >18 >22 >20") if rows[1:] else []
 
 
 def _cause_lines(fit: FitResult) -> list[str]:
@@ -111,7 +218,7 @@ def _cause_lines(fit: FitResult) -> list[str]:
         lines.append("errors rest on these sizes, which the data cannot check (fit.causes has all):")
     for name, moved in shares.items():
         row = rows[name]
-        lines.append(f"  {name} {size_of(row)} ({row.meaning}): {', '.join(moved)}; to bound it, {row.remedy}")
+        lines.append(f"  - {name} {size_of(row)} ({row.meaning}): {', '.join(moved)}; to bound it, {row.remedy}")
     return lines
 
 
@@ -134,20 +241,22 @@ def _noise_lines(fit: FitResult) -> list[str]:
     noise = fit.noise
     if noise is None or (noise.verdict is NoiseVerdict.AS_FOUND and not noise.sentences):
         return []
-    lines = [f"noise: {VERDICTS[noise.verdict]} (neighbouring lines correlate by {noise.correlation:+.2f})"]
+    words = f"NOISE    {VERDICTS[noise.verdict]} (neighbouring lines correlate by {noise.correlation:+.2f})"
+    lines = _wrapped(words, " " * 9)
     lines += _levels(noise)
-    lines += [f"  {sentence}" for sentence in noise.sentences if sentence not in fit.warnings]
+    for sentence in noise.sentences:
+        lines += _wrapped(f"  - {sentence}", "    ") if sentence not in fit.warnings else []
     if noise.effects and fit.success and np.unique(fit.problem.run).size > 2:  # beside the random effect
         left_out = fit.jackknife()
         names = [name for name in fit.problem.space.names if fit.params[name].resolved]
         errors = {name: left_out.parameter(name).stderr for name in names}
         shown = [f"{name} {two_digits(error)}" for name, error in errors.items() if np.isfinite(error)]
-        lines += [f"  standard errors from leaving out runs one by one: {', '.join(shown)}"] * bool(shown)
+        lines += [f"  - standard errors from leaving out runs one by one: {', '.join(shown)}"] * bool(shown)
     few = [p for p in fit.params.values() if p.vary and p.resolved and p.freedom < _FEW]
     for p in few:
         low, high = p.interval(0.95, share="noise")
         how = f"(Student's t, {significant(p.freedom, 2)} degrees of freedom)"
-        lines.append(f"  {p.name}: 95 % interval {low:.6g} to {high:.6g} {p.unit} {how}")
+        lines.append(f"  - {p.name}: 95 % interval {low:.6g} to {high:.6g} {p.unit} {how}")
     return lines
 
 
@@ -160,7 +269,7 @@ def _levels(noise: ResidualStudy) -> list[str]:
             for response in level.responses:
                 by_plane.setdefault((response.rpartition(" / ")[2], level.unit), []).append(level.constant)
         return [
-            f"  {where}: {_small(min(sizes), unit)} to {_small(max(sizes), unit)} (rms), {len(sizes)} responses"
+            f"  - {where}: {_small(min(sizes), unit)} to {_small(max(sizes), unit)} (rms), {len(sizes)} responses"
             for (where, unit), sizes in by_plane.items()
         ]
     lines = []
@@ -168,7 +277,7 @@ def _levels(noise: ResidualStudy) -> list[str]:
         more = f" and {len(level.responses) - 3} more" if level.responses[3:] else ""
         where = ", ".join(level.responses[:3]) + more
         share = f", and {significant(100 * level.share, 2)} % {level.along}" if level.share else ""
-        lines.append(f"  {where}: {_small(level.constant, level.unit)} (rms){share}")
+        lines.append(f"  - {where}: {_small(level.constant, level.unit)} (rms){share}")
     return lines
 
 
@@ -187,11 +296,12 @@ def _parameter_lines(fit: FitResult, *, folded: bool = False) -> list[str]:
     """Lines of the parameter table; a parameter that the data do not determine shows no number."""
     more = bool(fit.causes.rows)
     errors = ["stderr", *(["noise", "bounded", "on trust"] * more)]
-    rows: list[list[str | Wide]] = [["parameter", "value", *errors, "start", "unit", ""]]
+    rows: list[list[str | Wide]] = [["parameter", "value", *errors, "unit", ""]]
     corrections = correction_names(fit.model)
     shown = [p for p in in_order(fit.params.values()) if (bare_name(p.name) in corrections) == folded]
     rows += [_row(p, more) for p in shown]
-    return text_table(rows, "<22 >14 " + " ".join([">12"] * len(errors)) + " >14 <1 <1") if shown else []
+    table = text_table(rows, "<10 >12 " + " ".join([">11"] * len(errors)) + " <1 <1")
+    return [line[:WIDTH].rstrip() for line in table] if shown else []
 
 
 def in_order(params: Iterable[FittedParameter]) -> list[FittedParameter]:
@@ -208,14 +318,12 @@ def natural(text: str) -> tuple[tuple[int, float, str], ...]:
 
 
 def _row(p: FittedParameter, more: bool) -> list[str | Wide]:
+    shown, room = p.shown(), 1 + 3 * more
     if not p.vary:
-        return [p.name, significant(p.value, 7), "known", *([""] * 3 * more), "", p.unit]
-    if not p.resolved:
-        return [p.name, Wide("not determined by the data", 2 + 3 * more), significant(p.init_value, 6), p.unit]
-    shares = [p.stderr, *([p.noise, p.bounded, p.trust] * more)]
-    value, *errors = with_errors(p.value, p.stderr, *shares)
-    start = with_error(p.init_value, p.stderr)[0]
-    return [p.name, value, *errors, start, p.unit, "at its bound" if p.at_bound else ""]
+        return [p.name, shown.value, Wide("known", room), p.unit]
+    if not p.determined:
+        return [p.name, Wide(f"{shown.value} by the data", 1 + room), p.unit]
+    return [p.name, shown.value, *p.shares()[:room], p.unit, "at its bound" if p.at_bound else ""]
 
 
 def interval_lines(fit: FitResult) -> list[str]:
@@ -290,7 +398,7 @@ def _stability_lines(fit: FitResult) -> list[str]:
         percent = 100 * (onset.value / highest - 1)
         line += f"; {significant(abs(percent), 3)} % {'above' if percent >= 0 else 'below'} the highest tested speed"
         line += f" ({highest * RPM_PER_RAD_S:.0f} rpm)" + (": extrapolated" if percent > 0 else "")
-    return [line] + [f"  {note}"] * bool(note)
+    return [line] + [f"  - {note}"] * bool(note)
 
 
 def fit_html(fit: FitResult) -> str:
@@ -298,20 +406,19 @@ def fit_html(fit: FitResult) -> str:
     rows = ""
     shares = ("stderr", "noise", "bounded", "trust", "low", "high", "largest on trust", "plain")
     for p in in_order(fit.params.values()):
-        value, errors = "not determined", [""] * len(shares)
+        shown, errors = p.shown(), [""] * len(shares)
         if not p.vary:
-            value, errors[0] = significant(p.value, 7), "known"
-        elif p.resolved:
-            value, *shown = with_errors(p.value, p.stderr, p.stderr, p.noise, p.bounded, p.trust)
-            low, high, plain = (with_error(number, p.stderr)[0] for number in (*p.interval(0.95), p.plain))
-            errors = [*shown, low, high, p.error.largest_on_trust if p.error else "", plain]
-        cells = (p.name, value, *errors, "" if p.unit == "1" else p.unit, p.meaning)
+            errors[0] = "known"
+        elif p.determined:
+            largest = p.error.largest_on_trust if p.error else ""
+            errors = [*p.shares(), shown.low, shown.high, largest, with_error(p.plain, p.stderr)[0]]
+        cells = (p.name, shown.value, *errors, "" if p.unit == "1" else p.unit, p.meaning)
         rows += "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>"
     head = "".join(f"<th>{name}</th>" for name in ("parameter", "value", *shares, "unit", "meaning"))
-    text = fit.summary().split("\n\n")
-    first, last = text[0], "\n".join(text[2:])
     table = f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
-    return f"<p>{escape(first).replace(chr(10), '<br>')}</p>{table}{text_html(last)}"
+    first, text = fit_head(fit), fit.summary()
+    rest = text.removeprefix(first).replace("\n".join(_parameter_lines(fit)), "", 1)
+    return f"{text_html(first)}{table}{text_html(rest.strip(chr(10)))}"
 
 
 # ---- caveats ---------------------------------------------------------------------------------------------------------

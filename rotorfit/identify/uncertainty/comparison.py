@@ -10,7 +10,7 @@ import numpy as np
 
 from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
-from rotorfit.base.digits import plus_minus, significant
+from rotorfit.base.digits import significant
 from rotorfit.base.text_table import Printed, text_table
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.rows import Experiment
@@ -144,4 +144,4 @@ def _shown(fit: FitResult, name: str) -> str:
         return ""
     if not p.vary:
         return f"{p.value:.6g} known"
-    return plus_minus(p.value, p.stderr) if p.resolved else "not determined"
+    return p.shown().number

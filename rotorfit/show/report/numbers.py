@@ -12,7 +12,7 @@ from rotorfit.base.units import RPM_PER_RAD_S
 
 def plain(value: float, places: int = 5) -> str:
     """A number to a few significant digits with a real minus sign; a dash where there is none."""
-    return _typeset(digits.significant(value, places)) if math.isfinite(value) else "–"
+    return typeset(digits.significant(value, places)) if math.isfinite(value) else "–"
 
 
 def with_error(value: float, error: float) -> tuple[str, str]:
@@ -20,15 +20,13 @@ def with_error(value: float, error: float) -> tuple[str, str]:
     if not (math.isfinite(value) and math.isfinite(error) and error > 0):
         return plain(value), "–"
     shown, spread = digits.with_error(value, error)
-    return _typeset(shown), _typeset(spread)
+    return typeset(shown), typeset(spread)
 
 
-def with_errors(value: float, error: float, *shares: float) -> list[str]:
-    """A value to the second digit of its error, and shares of that; a dash for one that is zero."""
-    return ["–" if number == "-" else _typeset(number) for number in digits.with_errors(value, error, *shares)]
-
-
-def _typeset(number: str) -> str:
+def typeset(number: str) -> str:
+    """A printed number as a page sets it; a dash for one that is not there."""
+    if number == "-":
+        return "–"
     mantissa, _, exponent = number.partition("e")
     return mantissa.replace("-", "−") + (f"·10{superscript(int(exponent))}" if exponent else "")
 
@@ -38,7 +36,7 @@ def interval(low: float, high: float) -> str:
     if not (math.isfinite(low) and math.isfinite(high) and high > low):
         return "–"
     ends = digits.interval(low, high)[1:-1].split(", ")
-    return f"[{', '.join(map(_typeset, ends))}]"
+    return f"[{', '.join(map(typeset, ends))}]"
 
 
 def superscript(exponent: int) -> str:

@@ -26,7 +26,7 @@ from rotorfit.models.parameters import bare_name
 from rotorfit.show.report import parts
 from rotorfit.show.report.html import Html, bullets, element, paragraph, table
 from rotorfit.show.report.material import ReportInput
-from rotorfit.show.report.numbers import interval, plain, with_errors
+from rotorfit.show.report.numbers import interval, plain, typeset
 
 
 def parameter_section(material: ReportInput) -> Html:
@@ -72,9 +72,9 @@ def _row(p: FittedParameter, model: RotorModel, start: str) -> list[str]:
     name, unit = parts.symbol(p.name, model), parts.unit_shown(p.unit)
     if not p.vary:
         return [name, plain(p.value), "known", "", unit, "", p.meaning, ""]
-    if not p.resolved:
-        return [name, "not determined", "", "", unit, start, p.meaning, ""]
-    value, error, noise = with_errors(p.value, p.stderr, p.stderr, p.noise)
+    if not p.determined:
+        return [name, p.shown().value, "", "", unit, start, p.meaning, ""]
+    value, (error, noise) = typeset(p.shown().value), map(typeset, p.shares()[:2])
     bound = "at its bound: no symmetric interval" if p.at_bound else ""
     return [name, value, error, noise if noise != error else "", unit, start, p.meaning, bound]
 
@@ -126,7 +126,7 @@ def interval_section(material: ReportInput) -> Html:
 
 
 def _shown(p: FittedParameter) -> bool:
-    return p.vary and p.resolved
+    return p.vary and p.determined
 
 
 def _interval_row(material: ReportInput, p: FittedParameter, profile: Profile | None) -> list[str]:

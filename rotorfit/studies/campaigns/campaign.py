@@ -15,7 +15,7 @@ import numpy as np
 from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
 from rotorfit.base.atomic_file import whole_file
-from rotorfit.base.digits import plus_minus, significant, with_error
+from rotorfit.base.digits import plus_minus, significant
 from rotorfit.base.executors import Kept, executor_of
 from rotorfit.base.names import unknown_name
 from rotorfit.base.text_table import Printed, Wide, text_table
@@ -203,7 +203,7 @@ class Campaign(Printed):
                 continue
             for name in self.fitted:
                 p = run.params[name]
-                rows[-1] += [*with_error(p.value, p.stderr)] if p.resolved else [Wide("not determined", 2)]
+                rows[-1] += [p.shown().value, p.shown().error] if p.determined else [Wide(p.shown().value, 2)]
             rows[-1] += [significant(run.redchi, 3), run.remark]
         columns = ["<4", *[">14"] * len(shown), *[">12", ">10"] * len(self.fitted), ">9", "<1"]
         return "\n".join(text_table(rows, " ".join(columns)))

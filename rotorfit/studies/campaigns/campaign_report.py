@@ -115,7 +115,7 @@ def _runs(campaign: Campaign) -> Html:
         cells = [value if isinstance(value, str) else f"{value:.6g}" for value in conditions]
         for name in campaign.fitted:
             p = run.params.get(name)
-            shown = "" if p is None else " ± ".join(with_error(p.value, p.stderr)) if p.resolved else "not determined"
+            shown = "" if p is None else p.shown().number.replace("+-", "±")
             cells.append(shown)
         rows.append([run.name, *cells, plain(run.redchi, 3) if run.params else "", run.remark])
     numbers = range(1 + len(campaign.attributes), len(head) - 1)

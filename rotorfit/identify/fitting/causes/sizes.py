@@ -23,6 +23,32 @@ _ERROR = "give its own error (known={NAME: (value, error)}), or fit it"
 _BLOCKS = "let rf.refine fit it, or bring the shaft's matrices (KnownStructure)"
 _SHAFT = "bring the shaft's matrices (KnownStructure), or test further up"
 
+NOUNS = {
+    "gain": "overall gain",
+    "gain[]": "probe gain",
+    "turned": "angle of the probes",
+    "phase": "phase reference",
+    "delay": "delay of the readings",
+    "clock": "clock of the sweep",
+    "curve[]": "curved probe",
+    "lead[]": "probe phase",
+    "damper[]": "damper",
+    "loss": "damping in the shaft",
+    "hysteresis[]": "hysteresis",
+    "gyro[]": "gyroscopic effect",
+    "mass[]": "mass between",
+    "q[]": "modes above the band",
+    "speed label": "tachometer",
+    "speed[]": "change with speed of",
+    "drift": "drift of D in a sweep",
+    "lag": "lag of the fluid",
+    "probe[]": "probe off its plane",
+    "force[]": "force off its plane",
+    "flex[]": "modes above the band",
+    "clearance": "clearance",
+}
+"""Causes as a reader knows them, by their names, brackets for those of a place."""
+
 SIZES = {
     "gain": Size(
         size=0.03, reason="steel of the shaft 2.9 %, trial weight and radius 1 %", source="c", remedy=_CALIBRATE

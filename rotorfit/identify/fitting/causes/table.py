@@ -14,6 +14,7 @@ from rotorfit.base.names import unknown_name
 from rotorfit.base.significance import OPEN_ERRORS
 from rotorfit.base.text_table import Printed, text_table
 from rotorfit.estimators.inference.causes import Cause
+from rotorfit.identify.fitting.causes.sizes import NOUNS
 from rotorfit.identify.fitting.causes.solution import SolvedCauses
 
 if TYPE_CHECKING:
@@ -147,6 +148,22 @@ class Causes(Printed):
             sizes = (significant(row.size, 2), two_digits(row.value), two_digits(row.stderr))
             rows.append([row.name, *sizes, told, z, pull, "" if row.unit == "1" else row.unit, row.reason])
         return "\n".join(text_table(rows, "<22 >10 >10 >10 >6 >6 >6 <8 <1"))
+
+
+def noun_of(row: CauseRow) -> str:
+    """What a cause is, and its size, as a reader knows them: ``gain of the probes at disk, 2 %``."""
+    stem, _, place = row.name.partition("[")
+    where = place.rstrip("]")
+    noun = NOUNS.get(f"{stem}[]" if where else stem, f"known {row.name}")
+    of = " " if stem in ("speed", "mass") else " at "
+    size = size_of(row)
+    if row.unit == "1":
+        size = f"{significant(100 * row.size, 2)} %"
+    elif row.unit == "rad":
+        size = f"{significant(math.degrees(row.size), 2)} deg"
+    elif row.unit == "s":
+        size = f"{significant(1e3 * row.size, 2)} ms"
+    return f"{noun}{of + where if where else ''}, {size}"
 
 
 def size_of(row: CauseRow | Cause) -> str:

@@ -19,7 +19,7 @@ import numpy as np
 
 from rotorfit.base.array_types import Float
 from rotorfit.base.atomic_file import whole_file
-from rotorfit.base.digits import plus_minus, significant
+from rotorfit.base.digits import significant
 from rotorfit.base.names import unknown_name
 from rotorfit.base.text_table import Printed, text_table
 from rotorfit.base.units import RPM_PER_RAD_S
@@ -189,7 +189,7 @@ def _shown(found: Quantity) -> str:
         return "none"
     if found.stderr == 0:
         return f"{found.value:.6g} known"
-    return plus_minus(found.value, found.stderr) if math.isfinite(found.stderr) else "not determined"
+    return found.shown().number
 
 
 def coefficients_of(

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rotorfit.base.array_types import Float
-from rotorfit.base.digits import plus_minus, significant
+from rotorfit.base.digits import significant
 from rotorfit.base.text_table import text_table
 from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult
@@ -82,7 +82,7 @@ class Mountings(Tabulated):
             for name, found in by_name.items():
                 low, high = found.scatter_interval
                 scatter = f"{significant(found.scatter, 3)}, {significant(low, 3)} to {significant(high, 3)}"
-                mean = plus_minus(found.mean.value, found.mean.stderr)
+                mean = found.mean.shown().number
                 lines.append([condition, name, mean, scatter, found.mean.unit])
         return "\n".join([*text_table(lines, "<16 <4 >22 >34  <6"), f"{self.count} mountings"])
 

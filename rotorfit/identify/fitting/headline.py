@@ -1,0 +1,437 @@
+"""What a reader wants to know of a fit before all else: a verdict, checks, at most five numbers, and what limits them.
+
+The model says which numbers it is asked for (:attr:`~rotorfit.models.RotorModel.leads`); a rig whose own stiffness was
+taken out asks for coefficients. ``print``, the report and the front show these, with the same digits.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from rotorfit.base.digits import significant
+from rotorfit.base.units import RPM_PER_RAD_S
+from rotorfit.identify.fitting.causes.table import noun_of
+from rotorfit.identify.fitting.noise.record import NoiseVerdict
+from rotorfit.identify.fitting.noise.residual_study import VERDICTS
+from rotorfit.identify.fitting.quantities import ErrorBar, Quantity, Shown
+from rotorfit.identify.fitting.result import FitResult
+from rotorfit.identify.fitting.structure.coefficients import Coefficients
+from rotorfit.lab.data.findings import Finding, errors_in
+from rotorfit.models.motion.stability import growth_rate
+from rotorfit.models.parameters import bare_name
+
+MOST = 5
+"""Numbers on a first screen."""
+
+OVERDAMPED = 0.99
+"""Damping ratio from which a mode no longer oscillates."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class KeyNumber:
+    """One of the numbers of a first screen."""
+
+    name: str  # short: "D", "threshold speed"
+    meaning: str  # a few words, empty where the name says all
+    quantity: Quantity
+    unit: str = ""  # in words, of a number without dimension
+    instead: str = ""  # words in place of a number that is not there
+
+    @property
+    def error(self) -> ErrorBar | None:
+        """The error share by share, of a number that has one."""
+        return self.quantity.error if not self.instead and self.quantity.determined else None
+
+    @cached_property
+    def shown(self) -> Shown:
+        """The number as it is printed, or the words in its place."""
+        if self.instead:
+            return Shown(value=self.instead)
+        own = self.quantity.shown()
+        return replace(own, unit=self.unit) if self.unit else own
+
+    @property
+    def is_named(self) -> bool:
+        """True if the name alone says what it is."""
+        return " " in self.name
+
+    @property
+    def known(self) -> bool:
+        """True if there is a number."""
+        return not self.instead and self.quantity.determined
+
+    @property
+    def shares(self) -> tuple[float, float, float]:
+        """Shares of the variance by noise, bounded and on trust; nothing where they are not known."""
+        bar = self.error
+        if bar is None or not bar.stderr > 0:
+            return 0.0, 0.0, 0.0
+        return tuple(share**2 / bar.stderr**2 for share in (bar.noise, bar.bounded, bar.trust))  # type: ignore[return-value]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """One of the checks below a verdict."""
+
+    good: bool
+    words: str
+    more: str = ""  # numbers behind it, or what it costs
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limit:
+    """The cause on trust that the numbers rest on most."""
+
+    cause: str  # with its size
+    remedy: str  # what would bound it
+    effect: str  # what that would bring
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Headline:
+    """First screen of a fit."""
+
+    fit: FitResult
+    findings: tuple[Finding, ...]  # errors of the data among them make every number void
+
+    @property
+    def errors(self) -> tuple[str, ...]:
+        """Errors of the data, in words."""
+        return errors_in(self.findings)
+
+    @property
+    def good(self) -> bool:
+        """True if nothing speaks against relying on the numbers."""
+        return all(check.good for check in self.checks)
+
+    @cached_property
+    def numbers(self) -> tuple[KeyNumber, ...]:
+        """At most five, those first that the model is asked for."""
+        fit = self.fit
+        found: list[KeyNumber] = []
+        for name in leads_of(fit):
+            found += _LEADS[name](fit) if name in _LEADS else _parameter(fit, name)
+        shown = {number.name for number in found}
+        for p in fit.params.values():
+            if len(found) < MOST and p.vary and p.name in fit.problem.space.names and p.name not in shown:
+                found += _parameter(fit, p.name)
+        return tuple(found[:MOST])
+
+    @cached_property
+    def verdict(self) -> str:
+        """One or two sentences."""
+        fit = self.fit
+        if self.errors:
+            return "The data have an error, which is named below: no number here can be relied on."
+        if not fit.success:
+            return "The fit did not converge: no number here can be relied on."
+        return " ".join([*_said_of(fit, self.numbers), *_agreement(fit)])
+
+    @cached_property
+    def checks(self) -> tuple[Check, ...]:
+        """Fit against noise, the data, what they determine."""
+        return tuple(_checks(self.fit, self.findings))
+
+    @cached_property
+    def limit(self) -> Limit | None:
+        """What limits the numbers most; None where nothing on trust does."""
+        return _limit(self.fit, self.numbers)
+
+
+def headline(fit: FitResult, findings: Sequence[Finding] | None = None) -> Headline:
+    """The first screen of a fit; ``findings`` are those of the data, by default what the fit itself found."""
+    return Headline(fit=fit, findings=tuple(fit.findings if findings is None else findings))
+
+
+def rig_name(fit: FitResult) -> str:
+    """What was tested, by the names of its files."""
+    names = list(dict.fromkeys(Path(test.source).stem for test in fit.experiments if test.source))
+    more = f" and {len(names) - 1} more" if names[1:] else ""
+    return names[0] + more if names else "data in memory"
+
+
+def task_of(fit: FitResult) -> str:
+    """What was identified."""
+    return "seal identification" if "coefficients" in leads_of(fit) else "rotor identification"
+
+
+def leads_of(fit: FitResult) -> tuple[str, ...]:
+    """Names of the numbers that a fit is asked for."""
+    settings = fit.settings
+    rig_taken_out = settings.baseline is not None or settings.stator_mass_kg is not None
+    return ("coefficients",) if rig_taken_out else fit.model.leads
+
+
+# ---- numbers -------------------------------------------------------------------------------------------------------
+
+
+def _parameter(fit: FitResult, name: str) -> Iterator[KeyNumber]:
+    """A fitted parameter; of one that was fitted in several conditions that of the last."""
+    from rotorfit.identify.fitting.summary import in_order
+
+    same = [p for p in in_order(fit.params.values()) if p.vary and name in (p.name, bare_name(p.name))]
+    if same:
+        own = same[-1]
+        instead = "" if own.determined else own.shown().value
+        yield KeyNumber(name=own.name, meaning=own.meaning, quantity=own._quantity, instead=instead)
+
+
+def _threshold(fit: FitResult) -> Iterator[KeyNumber]:
+    """The threshold speed, of several groups the lowest."""
+    if not fit.model.speed_dependent or fit.model.turns:
+        return
+    if len(fit.thetas) == 1:
+        onset, label = fit.threshold_speed(), ""
+    else:
+        each = [(fit.threshold_of(group), ", ".join(labels)) for group, labels in enumerate(fit.problem.space.labels)]
+        onset, label = min(each, key=lambda one: (math.isnan(one[0].value), one[0].value))
+    instead = ""
+    if math.isinf(onset.stderr):
+        instead = onset.shown().value
+    elif math.isnan(onset.value):
+        instead = "none found"
+    elif onset.value == 0:
+        instead = "0 rpm"
+    elif not fit.success:
+        instead = "not given"
+    name = "threshold speed" + (f", {label}" if label else "")
+    yield KeyNumber(name=name, meaning="of instability", quantity=onset.to("rpm"), instead=instead)
+
+
+def _least_damping(fit: FitResult) -> Iterator[KeyNumber]:
+    """Logarithmic decrement of the least damped mode at the highest tested speed."""
+    if not fit.success or fit.model.turns:
+        return
+    speed = top_speed(fit)
+    swinging = [(mode, zeta) for mode, _, zeta in named_modes(modes_at(fit, speed)) if abs(zeta.value) < OVERDAMPED]
+    if not swinging:
+        return
+    mode, zeta = min(swinging, key=lambda one: one[1].value)
+    decrement = decrement_of(zeta)
+    where = f" at {significant(speed * RPM_PER_RAD_S, 4)} rpm" if fit.model.speed_dependent else ""
+    yield KeyNumber(name=f"least damping, {mode}", meaning=f"log. decrement{where}", quantity=decrement, unit="log dec")
+
+
+def top_speed(fit: FitResult) -> float:
+    """Highest tested speed, rad/s, zero of a rotor that no speed changes."""
+    return float(fit.speeds.max(initial=0.0)) if fit.model.speed_dependent else 0.0
+
+
+def modes_at(fit: FitResult, speed: float) -> list[tuple[Quantity, Quantity]]:
+    """Natural frequencies and damping ratios at a speed, of modes in the tested band, in the last condition."""
+    modes = fit.natural_frequencies(speed, _at(fit, len(fit.thetas) - 1))
+    return [mode for mode in modes if abs(mode[0].value) <= fit.band]
+
+
+def decrement_of(ratio: Quantity) -> Quantity:
+    """Logarithmic decrement of a damping ratio."""
+    return 2 * math.pi * ratio / (1 - ratio**2).sqrt()
+
+
+def named_modes(modes: Sequence[tuple[Quantity, Quantity]]) -> list[tuple[str, Quantity, Quantity]]:
+    """Frequency and damping ratio of modes by name: forward ``1F``, ``2F``, ..., backward ``1B``, ..., by frequency."""
+    count = {"F": 0, "B": 0}
+    named = []
+    for frequency, ratio in sorted(modes, key=lambda mode: abs(mode[0].value)):
+        way = "F" if frequency.value > 0 else "B"
+        count[way] += 1
+        named.append((f"{count[way]}{way}", frequency, ratio))
+    return named
+
+
+def _at(fit: FitResult, group: int) -> dict[str, str] | None:
+    """Argument that names a group."""
+    parts = (label.partition("=") for label in fit.problem.space.labels[group])
+    return {attribute: value for attribute, _, value in parts} or None
+
+
+def middle_condition(fit: FitResult) -> Coefficients | None:
+    """Coefficients at the middle of the tests, of which a first screen has its numbers."""
+    if not fit.success:
+        return None
+    rows = fit.coefficient_table().rows
+    return rows[len(rows) // 2] if rows else None
+
+
+def _coefficients(fit: FitResult) -> Iterator[KeyNumber]:
+    """Direct stiffness, damping and inertia, whirl frequency ratio and effective damping at one condition."""
+    row = middle_condition(fit)
+    if row is None:
+        return
+    where = row.condition
+    direct = {kind: (row[f"{kind}xx"] + row[f"{kind}yy"]) / 2 for kind in "KCM"}
+    meanings = {"K": "direct stiffness", "C": "direct damping", "M": "fluid inertia"}
+    for kind, meaning in meanings.items():
+        if direct[kind].value or direct[kind].stderr:
+            yield KeyNumber(name=kind, meaning=f"{meaning}, {where}", quantity=_prefixed(direct[kind]))
+    if row.speed:
+        ratio = row.whirl_frequency_ratio
+        instead = "no whirl" if math.isnan(ratio.value) else ""
+        yield KeyNumber(name="WFR", meaning="whirl frequency ratio", quantity=ratio, instead=instead)
+        damping = _prefixed(row.effective_damping(row.speed))
+        yield KeyNumber(name="Ceff", meaning="effective damping at 1x", quantity=damping)
+
+
+def _prefixed(quantity: Quantity) -> Quantity:
+    """A stiffness or damping in the unit that brings it below a thousand."""
+    size = abs(quantity.value)
+    letter = "M" if size >= 1e6 else "k" if size >= 1e4 else ""
+    return quantity.to(f"{letter}{quantity.unit}") if letter and quantity.unit.startswith("N") else quantity
+
+
+_LEADS: dict[str, Callable[[FitResult], Iterator[KeyNumber]]] = {
+    "threshold speed": _threshold,
+    "least damping": _least_damping,
+    "coefficients": _coefficients,
+}
+"""Numbers that are no parameters, by the names that models ask for them by."""
+
+
+# ---- verdict -------------------------------------------------------------------------------------------------------
+
+
+def _said_of(fit: FitResult, numbers: Sequence[KeyNumber]) -> Iterator[str]:
+    """What the numbers mean for the machine."""
+    by_name = {number.name: number for number in numbers}
+    if "WFR" in by_name:
+        row = middle_condition(fit)
+        ratio = by_name["WFR"]
+        if row is not None and ratio.known:
+            rpm = significant(ratio.quantity.value * row.speed * RPM_PER_RAD_S, 3)
+            yield f"The force feeds forward whirl slower than {ratio.shown.number} of shaft speed ({rpm} rpm)"
+            yield f"and damps faster whirl, at {row.condition}."
+        return
+    first = numbers[0] if numbers else None
+    if first is None or not first.name.startswith("threshold speed"):
+        return
+    yield from _stability(fit, first)
+
+
+def _stability(fit: FitResult, threshold: KeyNumber) -> Iterator[str]:
+    if any(unstable(fit, group) for group in range(len(fit.thetas))):
+        yield "Unstable at a speed that was tested."
+    elif fit.speeds.size:
+        yield f"Stable at the tested {_speeds(fit)}."
+    onset = threshold.quantity
+    if math.isinf(onset.stderr):
+        yield "These data do not determine whether or at which speed it becomes unstable."
+    elif math.isnan(onset.value):
+        yield "No threshold of instability at any speed searched."
+    elif onset.value == 0:
+        yield "Unstable from standstill on."
+    elif threshold.known:
+        yield f"Unstable above {threshold.shown}{_margin(fit, onset)}."
+
+
+def _margin(fit: FitResult, onset: Quantity) -> str:
+    """How far a threshold, rpm, is from the tests."""
+    highest = float(fit.speeds.max(initial=0.0)) * RPM_PER_RAD_S
+    if not highest:
+        return ""
+    percent = 100 * (onset.value / highest - 1)
+    side = "above" if percent >= 0 else "below"
+    more = " (extrapolated)" if percent > 0 else ""
+    return f", {significant(abs(percent), 2)} % {side} the highest tested speed{more}"
+
+
+def _speeds(fit: FitResult) -> str:
+    few = 4  # speeds that are named one by one
+    rpm = [significant(speed * RPM_PER_RAD_S, 4) for speed in fit.speeds.tolist()]
+    if len(rpm) > few:
+        return f"speeds, {rpm[0]} to {rpm[-1]} rpm"
+    return f"speeds, {', '.join(rpm[:-1])} and {rpm[-1]} rpm" if rpm[1:] else f"speed, {rpm[0]} rpm"
+
+
+def unstable(fit: FitResult, group: int) -> bool:
+    """True if the fitted rotor of a group is unstable at a speed that was tested."""
+    theta, speeds = fit.thetas[group], fit.speeds
+    if not speeds.size:
+        return False
+    rates = growth_rate(fit.model, np.broadcast_to(theta, (speeds.size, theta.size)), speeds, fit.stability_band)
+    return bool((rates > 1e-9 * np.abs(theta).max()).any())
+
+
+def _agreement(fit: FitResult) -> Iterator[str]:
+    """Model and data, in a sentence where they do not agree."""
+    if fit.perhaps_local:
+        yield "The search may have ended in a local minimum: other values may explain these data as well, or better."
+    elif fit.model_limited:
+        yield "The model explains the data only roughly: its own error, not the noise, limits the result."
+    elif fit.problem.loss != "linear":
+        yield f"Outliers were given less weight ({fit.problem.loss} loss)."
+    elif fit.redchi <= fit.largest_redchi:
+        yield "The fit agrees with the noise."
+    else:
+        yield f"The residuals are {significant(100 * (math.sqrt(fit.redchi) - 1), 2)} % larger than the noise."
+
+
+def _checks(fit: FitResult, findings: Sequence[Finding]) -> Iterator[Check]:
+    redchi = significant(fit.redchi, 3)
+    at_most = f"misfit {redchi}, at most {significant(fit.largest_redchi, 3)} by noise"
+    if not fit.success:
+        yield Check(good=False, words="fit did not converge", more=fit.message)
+    elif fit.perhaps_local:
+        yield Check(good=False, words="perhaps a local minimum", more=f"misfit {redchi}")
+    elif fit.model_limited:
+        yield Check(good=False, words="model limits the fit", more=f"{at_most}; errors are widened for it")
+    elif fit.problem.loss != "linear":
+        yield Check(good=True, words="outliers weigh little", more=f"{fit.problem.loss} loss")
+    elif fit.redchi <= fit.largest_redchi:
+        yield Check(good=True, words="fit agrees with the noise", more=at_most)
+    else:
+        known = fit.noise is not None and fit.noise.verdict is not NoiseVerdict.AS_FOUND
+        why = f"{at_most}; {VERDICTS[fit.noise.verdict]}" if fit.noise is not None and known else at_most
+        yield Check(good=False, words="residuals exceed the noise", more=why)
+    errors = errors_in(findings)
+    warnings = [found for found in findings if found.severity == "warning"]
+    if errors:
+        yield Check(good=False, words="error in the data", more=f"{len(errors)} found")
+    elif warnings:
+        yield Check(good=False, words="warning of the data", more=f"{len(warnings)} found")
+    else:
+        yield Check(good=True, words="no fault found in the data")
+    open_values = fit.identifiability.unresolved
+    if open_values:
+        more = f"not determined: {', '.join(open_values)}"
+        yield Check(good=False, words=f"{len(open_values)} of {fit.nvarys} values open", more=more)
+    else:
+        yield Check(good=True, words=f"all {fit.nvarys} values determined")
+
+
+# ---- what limits them ----------------------------------------------------------------------------------------------
+
+
+def largest_on_trust(fit: FitResult, bar: ErrorBar | None) -> str:
+    """The cause that most of an error rests on, as a noun and its size; empty where the noise is more."""
+    if bar is None or not bar.trust > bar.noise / 3:
+        return ""
+    name = bar.largest_on_trust
+    return noun_of(fit.causes[name]) if name else ""
+
+
+def _limit(fit: FitResult, numbers: Sequence[KeyNumber]) -> Limit | None:
+    bars = [(number, bar) for number in numbers if (bar := number.error) is not None and bar.stderr > 0]
+    shares: dict[str, float] = {}
+    for _, bar in bars:
+        for name, share in bar.on_trust.items():
+            shares[name] = shares.get(name, 0.0) + (share / bar.stderr) ** 2
+    name = max(shares, key=lambda one: shares[one], default="")
+    weigh = 0.1  # share of the variance from which a number depends on a cause
+    moved = [(n, bar) for n, bar in bars if bar.on_trust.get(name, 0.0) ** 2 > weigh * bar.stderr**2]
+    if not moved:
+        return None
+    number, bar = max(moved, key=lambda one: abs(one[1].on_trust[name]) / one[1].stderr)
+    left = math.sqrt(max(bar.stderr**2 - bar.on_trust[name] ** 2, 0.0))
+    effect = f"the error of {number.name} then falls from {number.shown.error} to {significant(left, 2)} at best"
+    others = [other.name for other, _ in moved if other is not number]
+    return Limit(
+        cause=noun_of(fit.causes[name]),
+        remedy=fit.causes[name].remedy,
+        effect=f"{effect}, that of {' and '.join(others)} too" if others else effect,
+    )
