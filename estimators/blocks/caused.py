@@ -56,6 +56,20 @@ class CausedResponses(OnResponses):
         """Parameter vectors of the groups of :attr:`own`."""
         return np.asarray(theta[..., self.base.condition[1], :] * (1 + self.scaled) + self.added)
 
+    @property
+    def by_causes(self) -> ComplexArray:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return self.gain
+
+    def seen_by_probes(self, motion: ComplexArray) -> ComplexArray:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`: of some between two planes."""
+        found = motion[self.base.line, self.base.coordinate]
+        return (1 - self.way) * found + self.way * motion[self.base.line, self.towards] if self.way.any() else found
+
+    def at_speeds(self, factor: float) -> CausedResponses:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return replace(self, speed=self.speed * factor)
+
     def predict(self, theta: Float) -> ComplexArray:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`."""
         values = self.values(theta)

@@ -36,6 +36,29 @@ class CorrelatedResponses(OnResponses):
         return self.base
 
     @property
+    def without_force_errors(self) -> Block:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return self if self.base.beside is None and self.base.force_noise is None else self.base
+
+    def weighing_error(self, rows: ComplexArray, covar: Float) -> Float:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`: with ``d_c`` the error of the logarithm of a
+        channel's variance the estimate moves by ``A sum_c d_c (s_c - I_c A s)``, ``s_c`` its score and ``I_c`` its
+        information (Kenward and Roger 1997; Meier 1953); d correlate by the square of the channels' correlation
+        (benchmarks/mounting_coverage.py)."""
+        total = np.zeros_like(covar)
+        if not math.isfinite(self.freedom):
+            return total
+        number = self.base.coordinate
+        parts = [np.where((number == channel)[:, None], rows, 0.0) for channel in np.unique(number)]
+        # s_c - I_c A s as a linear function of the errors
+        ways = [part - rows @ (covar @ (part.conj().T @ part).real) for part in parts]
+        together = self.channel_correlation**2
+        for i, one in enumerate(ways):
+            for k, other in enumerate(ways):
+                total += 2 / self.weight_freedom * together[i, k] * (one.conj().T @ self.scatter @ other).real
+        return total
+
+    @property
     def freedom(self) -> float:
         """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
         return self.degrees

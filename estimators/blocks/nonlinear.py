@@ -48,6 +48,16 @@ class OrbitResponses(OnResponses):
         """The same with the measured eccentricities taken as given."""
         return replace(self, mode="given", eccentricity=np.nan_to_num(self.eccentricity))
 
+    def from_rest(self, *, one_sweep: bool = False) -> OrbitResponses:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        mode: OrbitBranch = "given" if self.mode == "given" else "followed"
+        return replace(self, mode=mode, sweep=np.zeros_like(self.sweep) if one_sweep else self.sweep)
+
+    @property
+    def over_clearance(self) -> bool:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return True
+
     def lines(self, keep: Bool) -> OrbitResponses:
         """The observations of some lines."""
         return OrbitResponses(self.base.lines(keep), self.eccentricity[keep], self.mode, self.sweep[keep])

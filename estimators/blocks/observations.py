@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -36,10 +36,103 @@ class Asked(Protocol):
         """The responses of a linear rotor that its predictions are."""
         return None
 
+    def values(self, theta: Float) -> Float:
+        """Parameter vectors of the groups of :attr:`linear`."""
+        return theta
+
+    @property
+    def by_causes(self) -> ComplexArray | float:
+        """Factor of each reading by what a model does not hold, shape ``(R,)``."""
+        return 1.0
+
+    def by_values(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
+        """Predictions, and their derivatives by the values of each reading's own group, shape ``(R, P)``."""
+        return self.predict_jacobian(theta)  # type: ignore[attr-defined,no-any-return]
+
+    def seen_by_probes(self, motion: ComplexArray) -> ComplexArray:
+        """What probes without a factor read of a motion of all coordinates of :attr:`linear`, shape ``(L, n)``."""
+        base = self.linear
+        return np.zeros(0, dtype=complex) if base is None else motion[base.line, base.coordinate]
+
+    def at_speeds(self, factor: float) -> Block:
+        """The same with speeds of a linear rotor so many times as fast."""
+        return self  # type: ignore[return-value]
+
+    def lines(self, keep: Bool) -> Block | None:
+        """The observations of some lines, None where they are not made line by line."""
+        return None
+
+    @property
+    def by_turning_phase(self) -> ComplexArray | None:
+        """Derivative of the logarithm of each reading by a lead of what probes gave; None where no force turns."""
+        base = self.responses
+        return base.by_phase if base is not None and base.frequency.any() else None
+
     @property
     def uncorrelated(self) -> Block:
         """The same readings as if their errors had nothing in common."""
         return self  # type: ignore[return-value]
+
+    @property
+    def without_force_errors(self) -> Block:
+        """The same without what measured forces and a dry run make their errors have in common."""
+        return self  # type: ignore[return-value]
+
+    def from_rest(self, *, one_sweep: bool = False) -> Block:
+        """The same with orbits followed from rest, where readings choose among them.
+
+        Args:
+            one_sweep: whether all lines are of one sweep.
+        """
+        return self  # type: ignore[return-value]
+
+    @property
+    def of_motion(self) -> bool:
+        """True if readings are of motion or force, so that their noise may grow with them."""
+        return True
+
+    @property
+    def centred(self) -> bool:
+        """True if orbits are about the centre of the clearance."""
+        return True
+
+    @property
+    def over_clearance(self) -> bool:
+        """True if readings of the journal are divided by the clearance."""
+        return False
+
+    @property
+    def tells_sense(self) -> bool:
+        """True if they tell in which sense the shaft turns."""
+        return True
+
+    @property
+    def reads_twist(self) -> bool:
+        """True if the twist of a shaft is among them."""
+        return False
+
+    @property
+    def shaft_lines(self) -> frozenset[str]:
+        """Names of spectral lines of a shaft that is not round and may twist."""
+        return frozenset()
+
+    @property
+    def forced_lines(self) -> bool:
+        """True if spectral lines under a force are among them."""
+        return False
+
+    def cut_off(self, theta: Float) -> Float:
+        """Change by lines that the model leaves out, m, shape ``(R,)``."""
+        return np.zeros(1)
+
+    def weighing_error(self, rows: ComplexArray, covar: Float) -> Float:
+        """Scatter of the cost's gradient by errors of its weights, shape ``(p, p)``.
+
+        Args:
+            rows: whitened derivatives of its readings by the fitted vector, shape ``(R, p)``.
+            covar: covariance of that vector.
+        """
+        return np.zeros_like(covar)
 
     @property
     def frozen(self) -> Block:
@@ -204,6 +297,10 @@ class Responses(Observed):
     def by_phase(self) -> ComplexArray:
         """Derivative of the logarithm of each reading by a lead of what probes gave."""
         return np.where(self.conjugated, -1j, 1j)
+
+    def at_speeds(self, factor: float) -> Responses:
+        """See :class:`Asked`."""
+        return replace(self, speed=self.speed * factor)
 
     @cached_property
     def condition(self) -> tuple[Index, Index, Float]:
@@ -370,6 +467,11 @@ class OnResponses(Asked):
     def with_measured(self, measured: ComplexArray) -> Self:
         """See :meth:`Block.with_measured`."""
         return replace(self, base=self.base.with_measured(measured))
+
+
+def linear_responses(blocks: Iterable[Block]) -> list[Responses]:
+    """The blocks that are responses of a linear rotor and nothing else."""
+    return [block for block in blocks if isinstance(block, Responses)]
 
 
 def force_plane(block: Responses) -> Index:

@@ -45,6 +45,21 @@ class LineResponses(Observed):
         _, first, number = np.unique(np.stack(parts, axis=1), axis=0, return_index=True, return_inverse=True)
         return first, number.reshape(-1)
 
+    @property
+    def shaft_lines(self) -> frozenset[str]:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return frozenset(self.line.tolist())
+
+    @property
+    def reads_twist(self) -> bool:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return bool((self.direction == "twist").any())
+
+    @property
+    def forced_lines(self) -> bool:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return bool(self.force.any())
+
     def predict(self, theta: Float) -> ComplexArray:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`."""
         return np.asarray(self._lines(theta, derivatives=False)[0])
@@ -91,6 +106,11 @@ class PairResponses(OnResponses):
     def responses(self) -> None:
         """None: those of the base are in turning coordinates."""
         return None
+
+    @property
+    def forced_lines(self) -> bool:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return bool(self.force.any())
 
     @property
     def measured(self) -> ComplexArray:

@@ -33,6 +33,21 @@ class OffCentreResponses(Observed):
         """Group of each reading."""
         return self.group[self.line]
 
+    @property
+    def centred(self) -> bool:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return False
+
+    @property
+    def over_clearance(self) -> bool:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return True
+
+    @property
+    def by_turning_phase(self) -> ComplexArray:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return np.full(self.measured.size, 1j)
+
     def measured_eccentricity(self, theta: Float) -> Float:
         """Static eccentricity of the journal in each line, the factor of its probe taken out, shape ``(..., L)``."""
         return eccentricity_of_reading(self.model, theta, self.group, self.eccentricity)[0]
@@ -109,6 +124,16 @@ class FreeVibrations(Observed):
     position_read: Bool  # whether its probe read it, shape ``(R,)``
     reading_group: Index  # parameter group, shape ``(R,)``
 
+    @property
+    def of_motion(self) -> bool:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return False
+
+    @property
+    def tells_sense(self) -> bool:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return False
+
     def measured_eccentricity(self, theta: Float) -> Float:
         """Static eccentricity of the journal, the factor of its probe taken out, shape ``(..., R)``."""
         return self._at_rest(theta)[0]
@@ -164,6 +189,11 @@ class JournalCoefficients(Observed):
     def reading_group(self) -> Index:
         """Group of each observation."""
         return np.tile(self.group, 3)
+
+    @property
+    def of_motion(self) -> bool:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return False
 
     def measured_eccentricity(self, theta: Float) -> Float:
         """Eccentricity of each row."""

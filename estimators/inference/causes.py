@@ -46,7 +46,7 @@ class Motion:
     @cached_property
     def values(self) -> Float:
         """Parameter vectors of the groups of :attr:`linear`."""
-        return self.block.values(self.theta) if isinstance(self.block, CausedResponses) else self.theta
+        return self.block.values(self.theta)
 
     @cached_property
     def receptance(self) -> ComplexArray:
@@ -65,8 +65,7 @@ class Motion:
         """Factor of each reading by its probe and by causes, shape ``(R,)``."""
         if self.linear is None:
             return np.ones(self.block.measured.size, dtype=complex)
-        factor = probe_factors(self.linear, self.values)
-        return factor * self.block.gain if isinstance(self.block, CausedResponses) else factor
+        return probe_factors(self.linear, self.values) * self.block.by_causes
 
     @cached_property
     def predicted(self) -> ComplexArray:
@@ -76,18 +75,13 @@ class Motion:
     @cached_property
     def by_values(self) -> ComplexArray:
         """Derivatives of the predictions by the values of each reading's own line, shape ``(R, P)``."""
-        block = self.block
-        return (block.by_values if isinstance(block, CausedResponses) else block.predict_jacobian)(self.theta)[1]
+        return self.block.by_values(self.theta)[1]
 
     def read(self, motion: ComplexArray) -> ComplexArray:
         """What the probes read of a motion of all coordinates, shape ``(L, n)``."""
-        base, block = self.linear, self.block
-        if base is None:
-            return np.zeros(block.measured.size, dtype=complex)
-        found = motion[base.line, base.coordinate]
-        if isinstance(block, CausedResponses) and block.way.any():
-            found = (1 - block.way) * found + block.way * motion[base.line, block.towards]
-        return np.asarray(found * self.gain)
+        if self.linear is None:
+            return np.zeros(self.block.measured.size, dtype=complex)
+        return np.asarray(self.block.seen_by_probes(motion) * self.gain)
 
 
 class Act:
@@ -406,9 +400,9 @@ class SpeedLabel(Act):
     def change(self, motion: Motion) -> ComplexArray:
         """See :class:`Act`."""
         block = motion.block
-        if motion.linear is None or not isinstance(block, CausedResponses | Responses):
+        if motion.linear is None:
             return np.zeros(block.measured.size, dtype=complex)
-        up, down = (replace(block, speed=block.speed * (1 + way * _STEP)).predict(motion.theta) for way in (1, -1))
+        up, down = (block.at_speeds(1 + way * _STEP).predict(motion.theta) for way in (1, -1))
         return np.asarray((up - down) / (2 * _STEP))
 
 
@@ -459,23 +453,24 @@ def block_with_causes(block: Block, theta: Float, causes: Sequence[Cause], sizes
     """As :func:`with_causes`, of one block at parameter vectors."""
     motion = Motion(block=block, theta=theta)
     acting = [(one.act, size) for one, size in zip(causes, sizes.tolist(), strict=True) if size]
-    if not isinstance(block, Responses) or motion.linear is None:
+    base = motion.linear
+    if base is None or base is not block:
         moved = sum((size * act.change(motion) for act, size in acting), 0j)
         return block.with_measured(block.measured - moved)
-    found = _values_with(block, acting)
+    found = _values_with(base, acting)
     rotor, values = found.own, found.values(theta)
     parts = [part for act, size in acting if (part := act.stiffness(rotor, values, size)) is not None]
     stiffness = np.sum(parts, axis=0) if parts else None
-    force, way, beside = block.force.copy(), np.zeros(block.line.size), np.zeros_like(block.force)
-    towards = block.coordinate.copy()
+    force, way, beside = base.force.copy(), np.zeros(base.line.size), np.zeros_like(base.force)
+    towards = base.coordinate.copy()
     for act, size in acting:
         if isinstance(act, Flexible):
-            beside = beside + size * act.moved(block)
+            beside = beside + size * act.moved(base)
         elif isinstance(act, OffPlane) and act.what == "force":
-            force[:, act.at] -= size * block.force[:, act.at]
-            force[:, act.towards] += size * block.force[:, act.at]
+            force[:, act.at] -= size * base.force[:, act.at]
+            force[:, act.towards] += size * base.force[:, act.at]
         elif isinstance(act, OffPlane):
-            own = block.coordinate == act.at
+            own = base.coordinate == act.at
             towards[own], way[own] = act.towards, size
     found = replace(found, force=force, stiffness=stiffness, towards=towards, way=way)
     moving = Motion(block=found, theta=theta)

@@ -15,7 +15,6 @@ import numpy as np
 
 from rotorfit.base.array_types import RANK_TOLERANCE, ComplexArray, Float, Index
 from rotorfit.base.significance import P_CHANCE
-from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.inference.identifiability import covariance as inverse
 from rotorfit.estimators.inference.identifiability import natural_scales
 from rotorfit.estimators.misfit.problem import Derivatives, Loss, Problem, robust_weights
@@ -138,22 +137,9 @@ def score_scatter(problem: Problem, x: Float, r: ComplexArray, J: ComplexArray, 
 
 
 def weighing_error(problem: Problem, J: ComplexArray, covar: Float) -> Float:
-    """Contribution of errors of the weights, known from few mountings, to a covariance, ``(p, p)``: with ``d_c`` the
-    error of the logarithm of a channel's variance the estimate moves by ``A sum_c d_c (s_c - I_c A s)``, ``s_c`` its
-    score and ``I_c`` its information (Kenward and Roger 1997; Meier 1953); d correlate by the square of the channels'
-    correlation (benchmarks/mounting_coverage.py)."""
-    total = np.zeros_like(covar)
-    for block, rows in zip(problem.blocks, problem.by_block(J), strict=True):
-        if not (isinstance(block, CorrelatedResponses) and math.isfinite(block.freedom)):
-            continue
-        number = block.base.coordinate
-        parts = [np.where((number == channel)[:, None], rows, 0.0) for channel in np.unique(number)]
-        # s_c - I_c A s as a linear function of the errors
-        ways = [part - rows @ (covar @ (part.conj().T @ part).real) for part in parts]
-        together = block.channel_correlation**2
-        for i, one in enumerate(ways):
-            for k, other in enumerate(ways):
-                total += 2 / block.weight_freedom * together[i, k] * (one.conj().T @ block.scatter @ other).real
+    """Contribution of errors of the weights, known from few mountings, to a covariance, ``(p, p)``."""
+    parts = zip(problem.blocks, problem.by_block(J), strict=True)
+    total = np.sum([block.weighing_error(rows, covar) for block, rows in parts], axis=0)
     return np.asarray(covar @ total @ covar)
 
 

@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.base.array_types import Bool, ComplexArray, Float, Index
-from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.row_keys import combined, numbers, occurrence
 from rotorfit.estimators.misfit import accelerator, codegen
 from rotorfit.estimators.misfit.codegen import LARGEST_UNROLLED
-from rotorfit.estimators.misfit.problem import Problem, is_linear_response
+from rotorfit.estimators.misfit.problem import Problem, linear_response
 
 READINGS_OF_A_NODE = 8
 """Readings evaluated together at a node where code is generated; more are split, so that it stays short."""
@@ -77,14 +76,15 @@ def layout(problem: Problem) -> KernelLayout:
     """
     parts: list[tuple[NDArray[Any], ...]] = []
     for i, block in enumerate(problem.blocks):
-        if not isinstance(block, Responses):
+        base = block.linear
+        if base is None or base is not block:
             raise TypeError(f"{type(block).__name__} are no responses to forces")
-        line = block.line
-        speed = block.speed if block.model.speed_dependent else np.zeros_like(block.speed)
+        line = base.line
+        speed = base.speed if base.model.speed_dependent else np.zeros_like(base.speed)
         factors = problem.factors[i] if problem.factors else None
         nuisance = np.zeros((line.size, len(problem.space.nuisance)), dtype=complex) if factors is None else factors
-        own = (block.group[line], speed[line], block.s[line].imag, block.coordinate, block.force[line])
-        parts.append((*own, nuisance, block.sigma, block.measured))
+        own = (base.group[line], speed[line], base.s[line].imag, base.coordinate, base.force[line])
+        parts.append((*own, nuisance, base.sigma, base.measured))
     group, speed, w, coordinate, force, nuisance, sigma, measured = map(np.concatenate, zip(*parts, strict=True))
     channel, size = problem.channel, len(problem.space.model.coordinates)
     # Distinct force directions, real and imaginary parts in turn, and the largest component of each reading's.
@@ -179,7 +179,7 @@ class Batch:
         self, problem: Problem, *, accelerate: bool | None = None, work: float = np.inf, gradients: bool = False
     ) -> None:
         self.problem = problem
-        linear = np.array([is_linear_response(block) for block in problem.blocks], dtype=bool)
+        linear = np.array([linear_response(block) is not None for block in problem.blocks], dtype=bool)
         readings = work * problem.n_data / 2 * (GRADIENT_COST if gradients else 1.0)
         pays = (readings > BREAK_EVEN_READINGS and accelerator.available()) if accelerate is None else accelerate
         unrolled = len(problem.space.model.coordinates) <= codegen.LARGEST_UNROLLED

@@ -49,11 +49,12 @@ Normal = tuple[Float, Float, Float]
 """Cost, gradient and Gauss-Newton matrix, shapes ``(...)``, ``(..., p)`` and ``(..., p, p)``."""
 
 
-def is_linear_response(block: Block) -> bool:
-    """True if a block holds responses to forces of a linear model that its coefficients describe."""
-    if not isinstance(block, Responses) or block.imposed or block.beside is not None:
-        return False
-    return block.model.shaft is None and not block.model.eccentricity_dependent
+def linear_response(block: Block) -> Responses | None:
+    """The block where it is responses to forces of a linear model that its coefficients describe."""
+    found = block.linear
+    if found is None or found is not block or found.imposed or found.beside is not None:
+        return None
+    return None if found.model.shaft is not None or found.model.eccentricity_dependent else found
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -247,10 +248,8 @@ class BlockTerm:
     @cached_property
     def _responses(self) -> Responses | None:
         """The block where its derivatives are products times numbers."""
-        block = self.block
-        if not isinstance(block, Responses) or not is_linear_response(block) or self.sum is not None:
-            return None
-        return None if block.model.functions.has_probe_factors else block
+        block = linear_response(self.block)
+        return None if block is None or self.sum is not None or block.model.functions.has_probe_factors else block
 
     def _products(self, x: Float, block: Responses) -> tuple[ComplexArray, Sensitivities]:
         """Predictions, and their whitened derivatives by the fitted vector as products times numbers."""

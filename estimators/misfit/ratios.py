@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotorfit.base.array_types import Float, Index
-from rotorfit.estimators.blocks.shaft_lines import LineResponses
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.estimators.misfit.problem import Problem
 
@@ -66,7 +65,7 @@ class Ratios:
 def ratios_of(problem: Problem) -> Ratios | None:
     """The coordinates that suit a problem, None where the entries of its fitted vector do."""
     space = problem.space
-    if not any(isinstance(block, LineResponses) and (block.direction == "twist").any() for block in problem.blocks):
+    if not any(block.reads_twist for block in problem.blocks):
         return None
     names = space.model.parameter_names
     for denominator, numerators in space.model.ratios.items():

@@ -14,7 +14,7 @@ from zlib import crc32
 import numpy as np
 
 from rotorfit.base.array_types import Bool, ComplexArray, Float
-from rotorfit.estimators.blocks.observations import Block, Responses
+from rotorfit.estimators.blocks.observations import Block, Responses, linear_responses
 from rotorfit.estimators.blocks.response import dynamic_stiffness, inverse
 from rotorfit.estimators.misfit.parameter_space import ParameterSpace
 from rotorfit.estimators.misfit.problem import READINGS_OF_A_PIECE
@@ -93,7 +93,7 @@ def closed_forms(
 def _closed_forms(
     space: ParameterSpace, blocks: tuple[Block, ...], weighted: bool, passes: tuple[int, ...]
 ) -> Iterator[ClosedForm]:
-    chosen = [complete_lines(block) for block in blocks if isinstance(block, Responses)]
+    chosen = [complete_lines(block) for block in linear_responses(blocks)]
     chosen = [block for block in chosen if block.speed.size]
     if not chosen:
         raise ClosedFormError(

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from rotorfit.base.array_types import RANK_TOLERANCE, ComplexArray, Float, Index
 from rotorfit.base.digits import significant
 from rotorfit.base.significance import OPEN_ERRORS, SIGNIFICANT_ERRORS
-from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.blocks.observations import Responses, linear_responses
 from rotorfit.estimators.blocks.response import dynamic_stiffness
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.signals.ratios import best_ratio
@@ -76,7 +76,7 @@ class _Ends:
 
 def best_of_many(problem: Problem, reason: str) -> Start:
     """The deepest end of short fits, and notes on how it was found and what may be deeper."""
-    blocks = [block for block in problem.blocks if isinstance(block, Responses)]
+    blocks = linear_responses(problem.blocks)
     _refuse_undetermined(problem, blocks)
     ratios = rational_fit(blocks) if problem.loss == "linear" else None
     limits = _limits(problem, ratios)

@@ -25,7 +25,7 @@ _SIZES = np.geomspace(10**-4.5, 10**1.5, 13)
 
 def has_lines(problem: Problem) -> bool:
     """True if spectral lines are among what is fitted."""
-    return any(isinstance(block, LineResponses) for block in problem.blocks)
+    return any(block.shaft_lines for block in problem.blocks)
 
 
 def round_part(problem: Problem) -> Problem | None:

@@ -13,7 +13,6 @@ import numpy as np
 from rotorfit.base.array_types import Float
 from rotorfit.base.names import unknown_name
 from rotorfit.estimators.blocks.observations import Block
-from rotorfit.estimators.blocks.small_motion import FreeVibrations
 from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace
 from rotorfit.estimators.misfit.problem import LOSS_SCALE, Problem
@@ -238,7 +237,7 @@ def are_linear_responses(problem: Problem) -> bool:
 
 def explicit_with_sense(problem: Problem) -> Problem:
     """The problem with velocity ratios kept positive where only free vibrations were seen: these tell no sense."""
-    if not all(isinstance(block, FreeVibrations) for block in problem.blocks):
+    if any(block.tells_sense for block in problem.blocks):
         return problem
     space = problem.space
     forward = np.isin([*space.base, *space.nuisance], ("lam", "lam_D", "lam_M")) & (space.upper > 0)

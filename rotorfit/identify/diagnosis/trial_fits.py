@@ -16,7 +16,7 @@ from rotorfit.base.array_types import Bool, ComplexArray, Float, Text
 from rotorfit.base.digits import significant
 from rotorfit.base.faults import of_program
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.estimators.blocks.observations import Responses
+from rotorfit.estimators.blocks.observations import linear_responses
 from rotorfit.estimators.blocks.row_keys import numbers, rows_by
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.closed_form import closed_form
@@ -110,7 +110,7 @@ class Readings:
 
 def readings_of(problem: Problem) -> Readings | None:
     """Readings of a problem, thinned where many; None with others than a linear rotor's to turning forces."""
-    blocks = [block for block in problem.blocks if isinstance(block, Responses)]
+    blocks = linear_responses(problem.blocks)
     if len(blocks) < len(problem.blocks) or any(block.imposed or not block.frequency.all() for block in blocks):
         return None
     most_readings = 1500  # readings that show an error

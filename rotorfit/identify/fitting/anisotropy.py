@@ -19,7 +19,6 @@ import numpy as np
 
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
-from rotorfit.estimators.blocks.shaft_lines import PairResponses
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult
@@ -152,8 +151,7 @@ def lines_cut_off(fit: FitResult) -> tuple[float, float]:
     """Greatest change of the fitted lines by those left out, over the greatest reading, and over its noise."""
     size = share = 0.0
     for block in fit.problem.blocks:
-        if isinstance(block, PairResponses):
-            change = block.cut_off(fit.thetas)
-            size = max(size, float(change.max() / np.abs(block.measured).max()))
-            share = max(share, float((change / block.sigma).max()))
+        change = block.cut_off(fit.thetas)
+        size = max(size, float(change.max() / np.abs(block.measured).max()))
+        share = max(share, float((change / block.sigma).max()))
     return size, share

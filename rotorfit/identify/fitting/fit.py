@@ -13,7 +13,6 @@ import numpy as np
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
 from rotorfit.base.faults import of_library, of_program
-from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
 from rotorfit.estimators.minimisation.objective import Method
 from rotorfit.estimators.minimisation.projection import Projection
@@ -305,12 +304,7 @@ def closed_form(
     if has_lines(problem):
         raise ClosedFormError("combination lines have none; the fit starts from linear steps, one line after the other")
     # Responses to measured forces and beside a dry run are taken without what their errors have in common.
-    blocks = tuple(
-        block.base
-        if isinstance(block, CorrelatedResponses) and not (block.base.beside is None and block.base.force_noise is None)
-        else block
-        for block in problem.blocks
-    )
+    blocks = tuple(block.without_force_errors for block in problem.blocks)
     estimate = solve_closed_form(problem.space, blocks, weighted=weighted)
     return judge(problem, several, settings, Start(x=estimate.x, kind=CLOSED_FORM), estimate, estimate.notes)
 

@@ -13,7 +13,6 @@ from rotorfit.base.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.blocks.correlated import freedom_of
-from rotorfit.estimators.blocks.shaft_lines import LineResponses
 from rotorfit.estimators.inference import covariance
 from rotorfit.estimators.inference.identifiability import Identifiability, along_valley, diagnose
 from rotorfit.estimators.inference.joint_errors import JointErrors
@@ -406,8 +405,8 @@ def _of_values(
         for p in params.values()
         if p.at_bound
     ]
-    lines = [block for block in problem.blocks if isinstance(block, LineResponses)]
-    if lines and all((block.line == "w").all() for block in lines) and identifiability.unresolved:
+    lines = frozenset[str]().union(*(block.shaft_lines for block in problem.blocks))
+    if lines == {"w"} and identifiability.unresolved:
         left = ", ".join(identifiability.unresolved)
         found.append(
             f"these data hold the motion at w alone, which leaves {left} open: a shaft of unequal stiffness shows in "

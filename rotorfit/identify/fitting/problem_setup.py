@@ -11,8 +11,7 @@ import numpy as np
 
 from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.base.names import unknown_name
-from rotorfit.estimators.blocks.observations import Block, Responses
-from rotorfit.estimators.blocks.small_motion import OffCentreResponses
+from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.misfit.parameter_space import DATUM, ParameterSpace, parameter_space
 from rotorfit.estimators.misfit.priors import Prior, within_support
 from rotorfit.estimators.misfit.problem import LOSSES, Problem
@@ -111,8 +110,8 @@ def _observed(
     blocks: list[Block] = []
     for experiment, found, rows in zip(seen, influences, groups, strict=True):
         block = experiment.observe(model, rows)
-        if found is not None and isinstance(block, Responses):
-            block = correlated(block, found)
+        if found is not None and block.linear is not None:
+            block = correlated(block.linear, found)
         blocks.append(with_baseline(model, block, experiment, settings.baseline, settings.stator_mass_kg))
     return seen, tuple(blocks), suffixes
 
@@ -138,7 +137,7 @@ def _phase_entries(
         raise ValueError(f"phase_offsets is {offsets!r}; allowed: False, True (one a run but the first), 'common'")
     if not offsets:
         return (), []
-    phases = [_by_phase(block) for block in blocks]
+    phases = [block.by_turning_phase for block in blocks]
     turning = [block for block, own in zip(blocks, phases, strict=True) if own is not None]
     runs = list(dict.fromkeys(run for block in turning for run in block.run.tolist()))
     if offsets == "common" and not runs:
@@ -153,15 +152,6 @@ def _phase_entries(
     if offsets == "common":
         return (DATUM,), [tuple(part.sum(axis=1, keepdims=True) for part in factors)]
     return tuple(f"phase[{run}]" for run in runs), [tuple(factors)] if runs else []
-
-
-def _by_phase(block: Block) -> ComplexArray | None:
-    """Sensitivity of the logarithm of each prediction to a turning reference of phases, in complex coordinates the
-    conjugate for a backward run, as its amplitude is of its phasors; None where there is no such reference."""
-    circular, off_centre = block.responses, isinstance(block, OffCentreResponses)
-    if circular is None:
-        return np.full(block.measured.size, 1j) if off_centre else None
-    return circular.by_phase if off_centre or circular.frequency.any() else None
 
 
 def with_noise_scale(problem: Problem, scale: Mapping[str, float], power: int = 1) -> Problem:

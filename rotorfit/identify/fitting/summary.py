@@ -16,8 +16,6 @@ from rotorfit.base.digits import significant, two_digits, with_error
 from rotorfit.base.text_table import Wide, text_html, text_table
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.base.version import __version__
-from rotorfit.estimators.blocks.nonlinear import OrbitResponses
-from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.estimators.starting.start_points import EARLIER_FIT, GIVEN
 from rotorfit.identify.fitting.anisotropy import lines_cut_off
@@ -462,13 +460,15 @@ def structure_error(fit: FitResult) -> StructureError | None:
     lines = 8  # lines of each experiment: few enough to be condensed exactly
     for block in fit.problem.blocks:
         base = block.responses
-        if base is None or not isinstance(block, Responses | OrbitResponses):
+        if base is None:
             continue
         some = np.unique(np.linspace(0, base.frequency.size - 1, lines).astype(int))
         keep = np.zeros(base.frequency.size, dtype=bool)
         keep[some] = True
-        rows = keep[base.line]
-        change = block.predict(theta)[rows] - block.lines(keep).predict(theta)
+        rows, few = keep[base.line], block.lines(keep)
+        if few is None:
+            continue
+        change = block.predict(theta)[rows] - few.predict(theta)
         worst, checked = max(worst, float(np.abs(change / base.sigma[rows]).max())), checked + some.size
     used = shaft.reductions
     if not used:

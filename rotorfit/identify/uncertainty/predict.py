@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -15,10 +14,8 @@ from rotorfit.base.digits import significant
 from rotorfit.base.names import unknown_name
 from rotorfit.base.significance import quantile
 from rotorfit.base.units import RPM_PER_RAD_S, in_rad_s
-from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
-from rotorfit.estimators.blocks.small_motion import OffCentreResponses
 from rotorfit.estimators.inference.causes import Motion, block_with_causes, moving
 from rotorfit.estimators.inference.covariance import spreading
 from rotorfit.identify.fitting.quantities import Share
@@ -221,11 +218,9 @@ def _plane(what: str, name: str | None, planes: Sequence[str]) -> str:
 def _block(fit: FitResult, test: PerturbationTest, group: int) -> Block:
     """The readings in the model's coordinates; of a fluid that changes with eccentricity, orbits followed from rest."""
     block = test.observe(fit.model, np.full(len(test), group, dtype=np.intp))
-    if isinstance(block, OrbitResponses):
-        return replace(block, mode="followed", sweep=np.zeros_like(block.sweep))
-    if isinstance(block, OffCentreResponses):
+    if not block.centred:
         raise ValueError("orbits about an equilibrium off the centre are not predicted")
-    return block
+    return block.from_rest(one_sweep=True)
 
 
 def _refuse_unstable(fit: FitResult, group: int, speeds: Float) -> None:

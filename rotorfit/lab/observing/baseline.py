@@ -71,7 +71,8 @@ def with_baseline(
     model: RotorModel, block: Block, test: Experiment, baseline: PerturbationTest | None, mass: float | None
 ) -> Block:
     """Observations with the rig's own dynamic stiffness beside the model's, and with the noise of measured forces."""
-    if not isinstance(block, Responses) or block.imposed or not isinstance(test, PerturbationTest):
+    base, responses = block.linear, test.perturbation
+    if base is None or base is not block or responses is None:
         if baseline is None and mass is None:
             return block
         raise ValueError(
@@ -82,13 +83,13 @@ def with_baseline(
         if len(model.planes) > 1:
             raise ValueError(f"stator_mass_kg is the mass at one plane, {model.name} has {', '.join(model.planes)}")
         moving = np.diag([float(coordinate.axis != "r") for coordinate in model.coordinates])
-        block = replace(block, beside=np.asarray((mass * block.s**2)[:, None, None] * moving))
+        base = replace(base, beside=np.asarray((mass * base.s**2)[:, None, None] * moving))
     dry = None
     if baseline is not None:
-        dry = _beside(model, block, test, baseline)
+        dry = _beside(model, base, responses, baseline)
         kappa = np.array([line.kappa for line in dry.lines])
-        block = replace(block, beside=np.einsum("ln,nij->lij", dry.share, kappa))
-    return block if dry is None and block.force_noise is None else _correlated(block, test, dry)
+        base = replace(base, beside=np.einsum("ln,nij->lij", dry.share, kappa))
+    return base if dry is None and base.force_noise is None else _correlated(base, responses, dry)
 
 
 # ---- the dry run beside each line -----------------------------------------------------------------------------------

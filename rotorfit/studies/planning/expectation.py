@@ -11,9 +11,6 @@ import numpy as np
 from rotorfit.base.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.estimators.blocks.nonlinear import OrbitResponses
-from rotorfit.estimators.blocks.observations import Block
-from rotorfit.estimators.blocks.small_motion import FreeVibrations, JournalCoefficients
 from rotorfit.estimators.inference import covariance
 from rotorfit.estimators.inference.causes import Cause, columns
 from rotorfit.estimators.inference.identifiability import Identifiability, diagnose
@@ -141,7 +138,7 @@ def expect(
     planned = [_unread(test, noise.of_rows(test)) for test in tests]
     problem = build_problem(model, planned, settings)
     vectors = guess(problem.space, values, draws, seed)
-    problem = replace(problem, blocks=tuple(_from_rest(block) for block in problem.blocks))
+    problem = replace(problem, blocks=tuple(block.from_rest() for block in problem.blocks))
     for _, theta, speed in _unstable(problem, vectors.centre, band):
         refuse_speed(model, theta, speed, band)
     predicted = problem.predict(vectors.centre)
@@ -173,8 +170,7 @@ def expect(
 
 def _of_motion(problem: Problem) -> Float:
     """One for readings of motion or force, whose noise may grow with them, zero for eigenvalues and coefficients."""
-    kinds = (FreeVibrations, JournalCoefficients)
-    return np.concatenate([np.full(b.measured.size, 0.0 if isinstance(b, kinds) else 1.0) for b in problem.blocks])
+    return np.concatenate([np.full(block.measured.size, float(block.of_motion)) for block in problem.blocks])
 
 
 def _unread(test: Experiment, sigma: Float) -> Experiment:
@@ -185,13 +181,6 @@ def _unread(test: Experiment, sigma: Float) -> Experiment:
             "come from repeats; plan start-ups, or responses at other frequencies than 1x"
         )
     return test.unread(sigma)
-
-
-def _from_rest(block: Block) -> Block:
-    """Orbits followed from rest, as no reading says which it is."""
-    if isinstance(block, OrbitResponses) and block.mode == "nearest":
-        return replace(block, mode="followed")
-    return block
 
 
 def _unstable(problem: Problem, x: Float, band: float) -> Iterator[tuple[Index, Float, float]]:

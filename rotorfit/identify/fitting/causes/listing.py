@@ -10,10 +10,8 @@ import numpy as np
 
 from rotorfit.base.array_types import Float
 from rotorfit.base.names import unknown_name
-from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.set_speeds import once_per_turn
-from rotorfit.estimators.blocks.small_motion import OffCentreResponses
 from rotorfit.estimators.inference.causes import (
     Act,
     Cause,
@@ -180,7 +178,7 @@ class _Rig:
                 times=abs(value),
                 unit=parameter.unit,
             )
-        divided = any(isinstance(block, OrbitResponses | OffCentreResponses) for block in self.problem.blocks)
+        divided = any(block.over_clearance for block in self.problem.blocks)
         if divided and self.model.clearance:
             yield _cause("clearance", "radial clearance, a share of it", OfClearance(), SIZES["clearance"])
 
