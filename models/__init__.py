@@ -3,7 +3,7 @@
 if __name__ != "rotorfit.models":  # a second copy under another name would have classes of its own
     raise ImportError(f"import this package as rotorfit.models, not as {__name__}")
 
-from rotorfit.models.fluid import FluidForce, fluid_force
+from rotorfit.models.fluid import FluidForce, PlaneFluid, fluid_force, fluids_of
 from rotorfit.models.known_structure import KnownStructure
 from rotorfit.models.laws import LAWS, Collapse, Constant, EvenPolynomial, Law, LinearInSpeed, MonotoneSpline, Muszynska
 from rotorfit.models.lumped import Anisotropic, Chain, OneMode, Overhung, TwoDisk, WhirlWhip
@@ -29,9 +29,9 @@ __all__ = [
     "BLOCKS", "LAWS", "MODELS", "ROSS_4", "ROSS_6", "Anisotropic", "AnisotropicShaft", "Chain", "ChainFromModes",
     "Collapse", "Constant", "Coordinate", "EvenPolynomial", "FluidForce", "HarmonicSet", "KnownStructure", "Law",
     "LinearInSpeed", "Modal", "MonotoneSpline", "Muszynska", "OneMode", "Orthotropic", "Overhung", "Parameter",
-    "RotorModel", "Threshold", "Turning", "TurningFrame", "TurningOnSupports", "TwoDisk", "WhirlBranch", "WhirlWhip",
-    "chain_from_modes", "chain_modes", "eigenvalues", "fluid_force", "harmonic_set", "threshold_speed",
-    "unstable_bands", "whirl_branch",
+    "PlaneFluid", "RotorModel", "Threshold", "Turning", "TurningFrame", "TurningOnSupports", "TwoDisk", "WhirlBranch",
+    "WhirlWhip", "chain_from_modes", "chain_modes", "eigenvalues", "fluid_force", "fluids_of", "harmonic_set",
+    "threshold_speed", "unstable_bands", "whirl_branch",
 ]  # fmt: skip
 
 

@@ -15,11 +15,12 @@ from numpy.typing import ArrayLike
 from rotorfit.base.array_types import Bool, ComplexArray, Float
 from rotorfit.base.names import unknown_name
 from rotorfit.models.compiled import array_function
-from rotorfit.models.fluid import fluid_parameters
+from rotorfit.models.fluid import PlaneFluid, fluid_parameters
 from rotorfit.models.known_structure import KnownStructure
-from rotorfit.models.laws import Law
 from rotorfit.models.lumped import Anisotropic
 from rotorfit.models.model import RotorModel
+from rotorfit.models.motion.journal import journal
+from rotorfit.models.parameters import MATRIX_UNITS
 
 COEFFICIENTS = tuple(f"{kind}{row}{column}" for kind in "KCM" for row in "xy" for column in "xy")
 """Kxx, Kxy, ... Myy: Kxy is the force in x for a displacement in y."""
@@ -70,11 +71,12 @@ def force_parameters(model: RotorModel) -> Bool:
     whole = model.on_own_supports
     if isinstance(whole, KnownStructure | Anisotropic):
         return np.ones(len(model.parameters), dtype=bool)
+    if whole.fluids:
+        names = {q.name for fluid in whole.fluids for q in fluid.parameters}
+        return np.array([name in names for name in model.parameter_names])
     if not {"K0", "D"} <= set(model.parameter_names):
         raise ValueError(f"{model.name} has no fluid force whose coefficients could be tabulated")
-    law = getattr(whole, "law", None)
     names = {q.name for two in (False, True) for q in fluid_parameters(two)}
-    names |= {q.name for q in law.parameters} if law else set()
     return np.array([name in names for name in model.parameter_names])
 
 
@@ -98,53 +100,74 @@ def force_planes(model: RotorModel) -> tuple[str, ...]:
 class LawCurve(NamedTuple):
     """A coefficient of the fluid against eccentricity: values ``(E,)``, derivatives by parameters ``(E, P)``."""
 
-    name: str  # ``K0``, ``D``, ``lam``, or ``lam_D`` and ``lam_M``
+    name: str  # ``K0``, ``D``, ``lam``, or ``lam_D`` and ``lam_M``; ``Kxx``, ``Kxy``, ... of a model without fluids
     unit: str  # SI unit
     value: Float  # at each eccentricity, shape ``(E,)``
     slope: Float  # its derivatives by the model's parameters, shape ``(E, P)``
 
 
-def law_of(model: RotorModel) -> Law:
-    """The law of eccentricity of a model."""
-    law = getattr(model, "law", None)
-    if not isinstance(law, Law) or not law.parameters:
+def changing_fluid(model: RotorModel) -> PlaneFluid | None:
+    """The fluid whose values change; None of a model of one's own that is not made of fluids.
+
+    Raises:
+        ValueError: nothing changes.
+    """
+    found = next((fluid for fluid in model.fluids if fluid.law.parameters), None)
+    if found is None and not model.eccentricity_dependent:
         raise ValueError(f"{model.name} as used here does not change with eccentricity; give it a law")
-    return law
+    return found
 
 
 def law_changes_with_speed(model: RotorModel) -> bool:
     """True if the law of a model gives other values at another speed."""
-    p, eccentricity, speed = _symbols(model)
-    return any(ca.depends_on(ca.SX(part), speed) for part in law_of(model).at_speed(p, eccentricity, speed))
+    return _curves(model, at_speed=True).by_speed
 
 
 def law_curves(
     model: RotorModel, theta: ArrayLike, eccentricity: ArrayLike, speed: float | None = None
 ) -> tuple[LawCurve, ...]:
-    """K0, D and lam (or lam_D and lam_M) at eccentricities ``(E,)``, at a speed or the law's reference speed."""
-    law_of(model)
+    """K0, D and lam (or lam_D and lam_M) at eccentricities ``(E,)``, at a speed or the law's reference speed; the
+    coefficients of the journal's own force that change, of a model of one's own that is not made of fluids."""
     vector, eps = np.asarray(theta, dtype=float), np.asarray(eccentricity, dtype=float)
-    names, kernel = _compiled(model, at_speed=speed is not None)
+    curves = _curves(model, at_speed=speed is not None)
     at = np.full(eps.size, speed if speed is not None else 0.0)
     inputs = [*(np.full(eps.size, value) for value in vector), eps, at]
-    flat = kernel(inputs).reshape(vector.size + 1, len(names), eps.size)
-    return tuple(LawCurve(name, model.parameter(name).unit, flat[0, i], flat[1:, i].T) for i, name in enumerate(names))
+    flat = curves.kernel(inputs).reshape(vector.size + 1, len(curves.names), eps.size)
+    return tuple(
+        LawCurve(name, unit, flat[0, i], flat[1:, i].T)
+        for i, (name, unit) in enumerate(zip(curves.names, curves.units, strict=True))
+    )
 
 
-def _symbols(model: RotorModel) -> tuple[SimpleNamespace, ca.SX, ca.SX]:
-    """Parameters by name, eccentricity and speed."""
-    p = SimpleNamespace(**{name: ca.SX.sym(name) for name in model.parameter_names})
-    return p, ca.SX.sym("eccentricity"), ca.SX.sym("speed")
+class _Curves(NamedTuple):
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    kernel: Callable[[Sequence[Float]], Float]
+    by_speed: bool  # another speed gives other curves
 
 
 @lru_cache(maxsize=64)
-def _compiled(model: RotorModel, *, at_speed: bool) -> tuple[list[str], Callable[[Sequence[Float]], Float]]:
-    p, eccentricity, speed = _symbols(model)
-    law = law_of(model)
-    fluid = law.at_speed(p, eccentricity, speed) if at_speed else law.at(p, eccentricity)
-    ratios = [name for name in ("lam", "lam_D", "lam_M") if name in model.parameter_names]
-    names = ["K0", "D", *ratios]
-    theta = ca.vertcat(*vars(p).values())
-    curves = ca.vertcat(fluid.K0, fluid.D, *[getattr(p, name) * fluid.ratio for name in ratios])
+def _curves(model: RotorModel, *, at_speed: bool) -> _Curves:
+    fluid = changing_fluid(model)
+    theta, speed, eccentricity, matrices, _ = model.symbolic
+    if fluid is not None:
+        p = SimpleNamespace(**dict(zip(model.parameter_names, ca.vertsplit(theta), strict=True)))
+        own = fluid.own(p)
+        value = fluid.law.at_speed(own, eccentricity, speed) if at_speed else fluid.law.at(own, eccentricity)
+        ratios = {name: getattr(own, name) * value.ratio for name in ("lam", "lam_D", "lam_M") if hasattr(own, name)}
+        found = {name + fluid.ending: curve for name, curve in {"K0": value.K0, "D": value.D, **ratios}.items()}
+        units = [model.parameter(name).unit for name in found]
+    else:
+        at, found = journal(model).at, {}
+        for kind, matrix in zip("KCM", matrices, strict=False):
+            pair = {f"{kind}xx": matrix.re[at, at], f"{kind}xy": -matrix.im[at, at]}
+            found |= {name: curve for name, curve in pair.items() if ca.depends_on(curve, eccentricity)}
+        units = [MATRIX_UNITS[name[0].replace("C", "D")] for name in found]
+    curves = ca.vertcat(*found.values())
     graph = ca.densify(ca.horzcat(curves, ca.jacobian(curves, theta)))
-    return names, array_function(ca.Function("law_curves", [ca.vertcat(theta, eccentricity, speed)], [ca.vec(graph)]))
+    return _Curves(
+        names=tuple(found),
+        units=tuple(units),
+        kernel=array_function(ca.Function("law_curves", [ca.vertcat(theta, eccentricity, speed)], [ca.vec(graph)])),
+        by_speed=bool(ca.depends_on(curves, speed)),
+    )

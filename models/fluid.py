@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from rotorfit.models.complexes import Complex, J
-from rotorfit.models.laws import Law
+from rotorfit.models.laws import Constant, Law, clearance_of
 from rotorfit.models.parameters import Parameter
 
 
@@ -56,3 +59,108 @@ def fluid_at(law: Law, p: Any, two_lam: bool, speed: Any, eccentricity: Any) -> 
     fluid = law.at_speed(p, eccentricity, speed)
     lam_D, lam_M = (p.lam_D, p.lam_M) if two_lam else (p.lam, p.lam)
     return fluid_force(fluid.K0, fluid.D, p.Mf, lam_D * fluid.ratio, lam_M * fluid.ratio, speed)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaneFluid:
+    """Fluid force at a plane; the names of its parameters end with the plane where a rotor has several fluids.
+
+    Attributes:
+        plane: where it acts.
+        law: how it changes with eccentricity, or with speed.
+        two_lam: damping and inertia turn at ratios of their own.
+        ending: what the names of its parameters end with.
+    """
+
+    plane: str
+    law: Law
+    two_lam: bool = False
+    ending: str = ""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Those of the force, then those of the law."""
+        own = (*fluid_parameters(self.two_lam), *self.law.parameters)
+        return tuple(replace(q, name=q.name + self.ending) for q in own)
+
+    def own(self, p: Any) -> SimpleNamespace:
+        """The fluid's parameters by their names without the ending.
+
+        Args:
+            p: the rotor's parameters by name, CasADi symbols.
+        """
+        names = [q.name for q in self.parameters]
+        return SimpleNamespace(**{name.removesuffix(self.ending): getattr(p, name) for name in names})
+
+    def force(self, p: Any, speed: Any, eccentricity: Any) -> FluidForce:
+        """Force on the rotor.
+
+        Args:
+            p: the rotor's parameters by name, CasADi symbols.
+            speed: rotative speed Omega, rad/s.
+            eccentricity: orbit radius over clearance.
+        """
+        return fluid_at(self.law, self.own(p), self.two_lam, speed, eccentricity)
+
+    def start(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Values of the law's parameters at which a fit may begin.
+
+        Args:
+            values: of K0 and D at eps = 0, by name.
+        """
+        begin = self.law.start(*(abs(values[name + self.ending]) for name in ("K0", "D")))
+        return {name + self.ending: value for name, value in begin.items()}
+
+
+Laws = Law | Mapping[str, Law] | Sequence[tuple[str, Law]]
+"""One law for every fluid, or laws by plane."""
+
+
+def fluids_of(
+    fluid: str | Sequence[str] | None, law: Laws | None = None, *, two_lam: bool = False
+) -> tuple[PlaneFluid, ...]:
+    """Fluids of a rotor, one for each plane that is named.
+
+    Args:
+        fluid: plane, or planes.
+        law: one for all, or by plane; none by default.
+        two_lam: damping and inertia turn at ratios of their own.
+
+    Raises:
+        ValueError: a law without fluid, or laws of eccentricity at several planes.
+
+    Example:
+        >>> [q.name for q in fluids_of(["bearing", "seal"])[1].parameters]
+        ['K0_seal', 'D_seal', 'lam_seal', 'Mf_seal']
+    """
+    planes = () if fluid is None else (fluid,) if isinstance(fluid, str) else tuple(fluid)
+    laws = dict.fromkeys(planes, law or Constant()) if law is None or isinstance(law, Law) else dict(law)
+    beside = [plane for plane in laws if plane not in planes]
+    if beside:
+        raise ValueError(f"a law at {', '.join(beside)}, but the fluid acts at {', '.join(planes) or 'no plane'}")
+    if isinstance(law, Law) and law.parameters and not planes:
+        raise ValueError("a law needs a fluid: say at which plane it acts, fluid=...")
+    of_orbit = [plane for plane in laws if laws[plane].of_eccentricity]
+    if len(of_orbit) > 1:
+        raise ValueError(
+            f"laws of eccentricity at {', '.join(of_orbit)}: the orbit of one journal can change its fluid. Give "
+            f"the law of that plane alone, law={{{of_orbit[0]!r}: ...}}"
+        )
+    return tuple(
+        PlaneFluid(
+            plane=plane,
+            law=laws.get(plane, Constant()),
+            two_lam=two_lam,
+            ending=f"_{plane}" if len(planes) > 1 else "",
+        )
+        for plane in planes
+    )
+
+
+def law_and_clearance(
+    fluids: Sequence[PlaneFluid], law: Laws | None, clearance_um: float | None, model: str
+) -> tuple[Law | tuple[tuple[str, Law], ...], float | None]:
+    """The law as a model keeps it, and the clearance in m, checked against the laws of its fluids."""
+    kept = law if isinstance(law, Law) else Constant() if law is None else tuple(dict(law).items())
+    of_orbit = next((fluid.law for fluid in fluids if fluid.law.of_eccentricity), Constant())
+    return kept, clearance_of(of_orbit, clearance_um, model)

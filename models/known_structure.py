@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
-from types import MappingProxyType, SimpleNamespace
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -15,8 +14,7 @@ from rotorfit.base.accessors import ClassAccessor
 from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.models.coefficients import CoefficientJacobian
 from rotorfit.models.complexes import Complex, Number
-from rotorfit.models.fluid import FluidForce, fluid_at, fluid_parameters
-from rotorfit.models.laws import Constant, Law, clearance_of
+from rotorfit.models.fluid import Laws, fluids_of, law_and_clearance
 from rotorfit.models.model import Coordinate, Matrix, RotorModel
 from rotorfit.models.parameters import Parameter
 from rotorfit.models.shafts.shaft import KnownStiffness, Shaft, StructureMatrices, complex_matrices
@@ -63,12 +61,13 @@ class KnownStructure(RotorModel):
         dofs: coordinates of each node in their order: ``("z", "r")``, ``("z",)``, or real ones such as
             :data:`~rotorfit.models.ROSS_4`.
         two_lam: let damping and inertia of the fluid turn at ratios of their own, lam_D and lam_M.
-        law: how the fluid changes with eccentricity, for instance ``rf.models.Muszynska()``; for one fluid only.
+        law: how the fluid changes with eccentricity, for instance ``rf.models.Muszynska()``; of several fluids by
+            plane, ``{"seal": rf.models.Muszynska()}``, with eccentricity at one of them.
         clearance_um: radial clearance at the fluid, micrometres; needed by a law.
 
     Raises:
         ValueError: matrices that are not isotropic or of unequal size, nodes that do not exist, unknown planes, a law
-            without clearance or for other than one fluid.
+            without clearance or without fluid.
     """
 
     name: ClassVar[str] = "known-structure"
@@ -96,7 +95,7 @@ class KnownStructure(RotorModel):
         tilts: Sequence[str] = (),
         dofs: Sequence[str] = ("z", "r"),
         two_lam: bool = False,
-        law: Law | None = None,
+        law: Laws | None = None,
         clearance_um: float | None = None,
     ) -> None:
         given = {kind: matrix for kind, matrix in zip("MCGK", (M, C, G, K), strict=True) if matrix is not None}
@@ -112,11 +111,9 @@ class KnownStructure(RotorModel):
             raise ValueError(f"a support has a damper of its own: leave {', '.join(both)} out of damping")
         self.magnetic = _some(magnetic, self.planes, "magnetic")
         self.two_lam = two_lam
-        self.law = law or Constant()
+        self.fluids = fluids_of(self.fluid, law, two_lam=two_lam)
         self.clearance_um = clearance_um
-        self.clearance = clearance_of(self.law, clearance_um, self.name)
-        if self.law.parameters and len(self.fluid) != 1:
-            raise ValueError(f"a law of eccentricity needs exactly one fluid, got {len(self.fluid)}")
+        self.law, self.clearance = law_and_clearance(self.fluids, law, clearance_um, self.name)
         self._given = {"M": M, "C": C, "G": G, "K": K, "planes": dict(planes), "scales": scales, "dofs": tuple(dofs)}
         self.shaft: Shaft = Shaft(matrices, parts, _places(planes, self.tilts, place))
         self.parameters = self._all_parameters(scales or {})
@@ -136,16 +133,12 @@ class KnownStructure(RotorModel):
             for plane in planes
             for name, unit, meaning, scale, lower in kinds
         )
-        fluids = (
-            replace(q, name=_named(q.name, plane, self.fluid))
-            for plane in self.fluid
-            for q in fluid_parameters(self.two_lam)
-        )
+        fluids = (q for fluid in self.fluids for q in fluid.parameters)
         factors = (
             Parameter(name, "1", "scale factor of the known structure", lower=0.0, default=1.0, nominal=1.0)
             for name in scales
         )
-        return (*own, *fluids, *self.law.parameters, *factors)
+        return (*own, *fluids, *factors)
 
     @property
     def nodes(self) -> dict[str, int]:
@@ -184,23 +177,9 @@ class KnownStructure(RotorModel):
         for plane in self.magnetic:  # without delay; known_stiffness adds what the delay changes
             Km, Kp, Kd = (getattr(p, _named(name, plane, self.magnetic)) for name in ("Km", "Kp", "Kd"))
             add(plane, Km + Kp, Kd)
-        for plane in self.fluid:
-            add(plane, *self.fluid_force(p, plane, speed, eccentricity))
+        for fluid in self.fluids:
+            add(fluid.plane, *fluid.force(p, speed, eccentricity))
         return matrices
-
-    def fluid_force(self, p: Any, plane: str, speed: Any, eccentricity: Any) -> FluidForce:
-        """Fluid force at one of the planes with a fluid.
-
-        Args:
-            p: parameters by name.
-            plane: one of those with a fluid.
-            speed: rotative speed Omega, rad/s.
-            eccentricity: orbit radius over clearance.
-        """
-        names = [q.name for q in fluid_parameters(self.two_lam)]
-        own = {name: getattr(p, _named(name, plane, self.fluid)) for name in names}
-        with_law = own | {q.name: getattr(p, q.name) for q in self.law.parameters}
-        return fluid_at(self.law, SimpleNamespace(**with_law), self.two_lam, speed, eccentricity)
 
     # ---- the structure ---------------------------------------------------------------------------------------------
 

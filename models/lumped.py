@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal
 
 from rotorfit.models.complexes import J
-from rotorfit.models.fluid import fluid_at, fluid_parameters
-from rotorfit.models.laws import Constant, Law, clearance_of
+from rotorfit.models.fluid import Laws, fluids_of, law_and_clearance
+from rotorfit.models.laws import Law
 from rotorfit.models.model import Coordinate, Matrix, RotorModel
 from rotorfit.models.parameters import MATRIX_UNITS, Parameter
 from rotorfit.models.probes import check_probes, probe_parameters
@@ -44,23 +44,22 @@ class OneMode(RotorModel):
     ) -> None:
         self.planes = one_per_coordinate(planes, 1, self.name)
         self.two_lam = two_lam
-        self.law = law or Constant()
+        self.fluids = fluids_of(self.planes[0], law, two_lam=two_lam)
         self.clearance_um = clearance_um
-        self.clearance = clearance_of(self.law, clearance_um, self.name)
+        self.law, self.clearance = law_and_clearance(self.fluids, law, clearance_um, self.name)
         self.betas = betas
         self.probes = check_probes(probes, self.planes, self.name)
         self.parameters = (
             Parameter("M", "kg", "rotor modal mass", scale=1.0, lower=0.0),
             Parameter("K", "N/m", "rotor modal stiffness", scale=1e4),
             Parameter("Ds", "N s/m", "rotor external damping", scale=10.0),
-            *fluid_parameters(two_lam),
-            *self.law.parameters,
+            *self.fluids[0].parameters,
             *(probe_parameters(self.planes, self.probes) if betas or probes else ()),
         )
 
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
         """See :meth:`RotorModel.equation`."""
-        fluid = fluid_at(self.law, p, self.two_lam, speed, eccentricity)
+        fluid = self.fluids[0].force(p, speed, eccentricity)
         return [[p.K + fluid.K]], [[p.Ds + fluid.C]], [[p.M + fluid.M]]
 
 
@@ -107,9 +106,9 @@ class WhirlWhip(RotorModel):
         self.planes = one_per_coordinate(planes, 2, self.name)
         self.blocks = check_blocks(blocks)
         self.two_lam = two_lam
-        self.law = law or Constant()
+        self.fluids = fluids_of(self.planes[1], law, two_lam=two_lam)
         self.clearance_um = clearance_um
-        self.clearance = clearance_of(self.law, clearance_um, self.name)
+        self.law, self.clearance = law_and_clearance(self.fluids, law, clearance_um, self.name)
         self.betas = betas
         self.probes = check_probes(probes, self.planes, self.name)
         self.parameters = (
@@ -120,15 +119,14 @@ class WhirlWhip(RotorModel):
             Parameter("sigma", "1", "modal correction factor of the disk-journal coupling", nominal=1.0),
             Parameter("Mb", "kg", "journal modal mass", scale=0.3),
             Parameter("K3", "N/m", "external supporting spring at the journal", scale=5e3),
-            *fluid_parameters(two_lam),
-            *self.law.parameters,
+            *self.fluids[0].parameters,
             *block_parameters(self.blocks, 2),
             *(probe_parameters(self.planes, self.probes) if betas or probes else ()),
         )
 
     def equation(self, p: Any, speed: Any, eccentricity: Any) -> Sequence[Matrix]:
         """See :meth:`RotorModel.equation`."""
-        fluid = fluid_at(self.law, p, self.two_lam, speed, eccentricity)
+        fluid = self.fluids[0].force(p, speed, eccentricity)
         stiffness = [[p.K1 + p.K2, -p.K2 * p.sigma], [-p.K2, fluid.K + p.K3 + p.K2 * p.sigma]]
         damping = [[p.Ds, 0.0], [0.0, fluid.C]]
         mass = [[p.Md, 0.0], [0.0, p.Mb + fluid.M]]
@@ -247,10 +245,13 @@ class Chain(RotorModel):
     Args:
         n: number of masses, 1 to 20; by default that of ``planes``, else two.
         planes: names of the masses' planes in their order along the shaft, by default ``mass-1`` to ``mass-n``.
-        fluid: plane at which the fluid force of eq. (13) acts, none by default.
+        fluid: plane or planes at which the fluid force of eq. (13) acts, none by default; with several its parameters
+            are ``K0_seal`` and so on, by plane.
+        sigma: a modal correction factor, as in eq. (18), of each spring between masses: ``sigma2`` of K2.
         blocks: structural blocks to allow for, of ``rf.models.BLOCKS``.
         two_lam: let damping and inertia of the fluid turn at ratios of their own, lam_D and lam_M.
-        law: how the fluid changes with eccentricity, for instance ``rf.models.Muszynska()``.
+        law: how the fluid changes with eccentricity, for instance ``rf.models.Muszynska()``; of several fluids by
+            plane, ``{"seal": rf.models.Muszynska()}``, with eccentricity at one of them.
         clearance_um: radial clearance at the fluid, micrometres; needed by a law.
         betas: factors of the probes, ``beta1``, ... in the order of the planes, known to be 1 unless freed; naming one
             in a fit, ``known={"beta2": None}``, asks for them too.
@@ -269,10 +270,11 @@ class Chain(RotorModel):
         n: int | None = None,
         planes: Sequence[str] | None = None,
         *,
-        fluid: str | None = None,
+        fluid: str | Sequence[str] | None = None,
+        sigma: bool = False,
         blocks: Sequence[str] = (),
         two_lam: bool = False,
-        law: Law | None = None,
+        law: Laws | None = None,
         clearance_um: float | None = None,
         betas: bool = False,
         probes: Mapping[str, Mapping[str, float]] | None = None,
@@ -284,16 +286,16 @@ class Chain(RotorModel):
             raise ValueError(f"a chain has 1 to {MOST_MASSES} masses, got {count}")
         names = [f"mass-{i + 1}" for i in range(count)] if planes is None else planes
         self.planes = one_per_coordinate(names, count, self.name)
-        if fluid is not None and fluid not in self.planes:
-            raise ValueError(f"the fluid acts at plane {fluid!r}, but the chain has {', '.join(self.planes)}")
+        self.fluids = fluids_of(fluid, law, two_lam=two_lam)
+        for own in self.fluids:
+            if own.plane not in self.planes:
+                raise ValueError(f"the fluid acts at plane {own.plane!r}, but the chain has {', '.join(self.planes)}")
         if two_lam and fluid is None:
             raise ValueError("two_lam needs a fluid: say at which plane it acts, fluid=...")
-        if law is not None and law.parameters and fluid is None:
-            raise ValueError("a law needs a fluid: say at which plane it acts, fluid=...")
-        self.fluid = fluid
-        self.law = law or Constant()
+        self.fluid = fluid if fluid is None or isinstance(fluid, str) else tuple(fluid)
+        self.sigma = sigma
         self.clearance_um = clearance_um
-        self.clearance = clearance_of(self.law, clearance_um, self.name)
+        self.law, self.clearance = law_and_clearance(self.fluids, law, clearance_um, self.name)
         self.betas = betas
         self.probes = check_probes(probes, self.planes, self.name)
         self.blocks = check_blocks(blocks)
@@ -305,8 +307,13 @@ class Chain(RotorModel):
                 Parameter(f"K{i}", "N/m", f"stiffness, {_station(i - 1, count)} to {_station(i, count)}", scale=2e4)
                 for i in range(1, count + 2)
             ),
+            *(
+                Parameter(f"sigma{i}", "1", f"modal correction factor of the coupling by K{i}", nominal=1.0)
+                for i in range(2, count + 1)
+                if sigma
+            ),
             *(Parameter(f"Ds{i}", "N s/m", f"external damping at mass {i}", scale=10.0) for i in places),
-            *(() if fluid is None else (*fluid_parameters(two_lam), *self.law.parameters)),
+            *(q for own in self.fluids for q in own.parameters),
             *block_parameters(self.blocks, count),
             *(probe_parameters(self.planes, self.probes) if betas or probes else ()),
         )
@@ -315,14 +322,15 @@ class Chain(RotorModel):
         """See :meth:`RotorModel.equation`."""
         n = len(self.planes)
         K = [getattr(p, f"K{i + 1}") for i in range(n + 1)]
-        stiffness = _diagonal([K[i] + K[i + 1] for i in range(n)])
+        sigma = [getattr(p, f"sigma{i + 1}", 1.0) for i in range(n)]
+        stiffness = _diagonal([K[i] * sigma[i] + K[i + 1] for i in range(n)])
         damping = _diagonal([getattr(p, f"Ds{i + 1}") for i in range(n)])
         mass = _diagonal([getattr(p, f"M{i + 1}") for i in range(n)])
         for i in range(n - 1):
-            stiffness[i][i + 1] = stiffness[i + 1][i] = -K[i + 1]
-        if self.fluid is not None:
-            at = self.planes.index(self.fluid)
-            force = fluid_at(self.law, p, self.two_lam, speed, eccentricity)
+            stiffness[i][i + 1], stiffness[i + 1][i] = -K[i + 1] * sigma[i + 1], -K[i + 1]
+        for fluid in self.fluids:
+            at = self.planes.index(fluid.plane)
+            force = fluid.force(p, speed, eccentricity)
             stiffness[at][at] = force.K + stiffness[at][at]
             damping[at][at] = force.C + damping[at][at]
             mass[at][at] = force.M + mass[at][at]

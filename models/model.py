@@ -19,6 +19,7 @@ from rotorfit.base.names import unknown_name
 from rotorfit.base.text_table import text_table
 from rotorfit.models.coefficients import CoefficientJacobian, CompiledModel, Symbolic
 from rotorfit.models.complexes import Complex, Number
+from rotorfit.models.fluid import PlaneFluid
 from rotorfit.models.line_terms import LineTerms, Weights
 from rotorfit.models.parameters import Parameter
 from rotorfit.models.probes import Probes, with_probes
@@ -50,7 +51,8 @@ class Coordinate:
 class RotorModel(ABC):
     """A rotor as polynomial dynamic stiffness, ``kappa(s) = sum_k C_k s^k`` with ``s = j w``.
 
-    A model of your own needs ``name``, ``planes``, ``parameters`` and :meth:`equation`. In models with complex
+    A model of your own needs ``name``, ``planes``, ``parameters`` and :meth:`equation`; one whose entries change with
+    the eccentricity at one plane needs ``clearance``, m, too. In models with complex
     coordinates (``frame = "z"``) the frequency w is signed and C_k complex; with ``frame = "xy"`` the coordinates are
     all x, then all y, the coefficients real and phasors refer to ``exp(+j |w| t)``.
     """
@@ -59,7 +61,8 @@ class RotorModel(ABC):
     frame: Literal["z", "xy"] = "z"
     planes: tuple[str, ...]
     parameters: tuple[Parameter, ...]
-    clearance: float | None = None
+    clearance: float | None = None  # radial, m: the eccentricity of the equation is the orbit's radius over it
+    fluids: tuple[PlaneFluid, ...] = ()  # forces of eq. (13), where the model is made of them
     caveats: tuple[str, ...] = ()  # sentences that belong beside the numbers of this model
     caveats_without_tilts: tuple[str, ...] = ()  # those that readings of a tilt make void
     probes: Probes = ()  # between the planes, with their shares of the planes' motion
@@ -101,6 +104,27 @@ class RotorModel(ABC):
             p: parameters by name, CasADi symbols: ``p.K0``.
         """
         return ()
+
+    def orbit_start(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Where a fit may begin with parameters that act at an eccentricity only: at their scales unless overridden.
+
+        Args:
+            values: of the other parameters by name, as a rotor with its journal centred has them.
+        """
+        begin = {name: v for own in self.fluids if own.law.parameters for name, v in own.start(values).items()}
+        if begin or not self.eccentricity_dependent:
+            return begin
+        typical = np.array([min(max(q.scale, q.lower), q.upper) for q in self.parameters])
+        count, share = typical.size, 1e-4  # of the effect at an eccentricity, which is none beside the centre
+        effect = np.zeros((2, count + 2))
+        for size, eccentricity in zip(effect, (1e-6, 0.3), strict=True):
+            found = self.functions.jacobian(typical, 100.0, eccentricity)
+            np.maximum.at(size, found.inputs, np.abs(found.values))
+        return {
+            q.name: float(value)
+            for q, value, (centred, moved) in zip(self.parameters, typical, effect[:, :count].T, strict=True)
+            if centred < share * moved
+        }
 
     def probe_factors(self, p: Any) -> Sequence[Number]:
         """Factor by which each coordinate's reading is multiplied: ``beta1``, ... of the probes, where there are any.

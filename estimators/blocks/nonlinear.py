@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -240,4 +241,6 @@ def eccentricity_of_reading(model: RotorModel, theta: Float, group: Index, readi
 
 def resized(model: RotorModel, factor: float) -> RotorModel:
     """The model in a bearing of another clearance."""
-    return model.variant(clearance_um=1e6 * factor * (model.clearance or 0.0))
+    other = copy(model)
+    other.clearance = factor * (model.clearance or 0.0)
+    return other

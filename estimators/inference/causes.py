@@ -147,8 +147,8 @@ class OfReadings(Act):
             case "high-pass":
                 factor = np.where(turning, -1 / np.where(turning, s, 1.0), 0.0)
             case _:  # the curve of a probe
-                size = np.abs(motion.predicted)
-                factor = (size / max(float(size[self._own(base)].max(initial=0.0)), 1e-300)) ** 2 + 0j
+                size = np.where(self._own(base), np.abs(motion.predicted), 0.0)
+                factor = (size / max(float(size.max(initial=0.0)), 1e-300)) ** 2 + 0j
         return np.where(self._own(base), factor, 0.0)
 
     def _own(self, base: Responses) -> Bool:

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from numbers import Real
-from types import SimpleNamespace
 
-import casadi as ca
 import numpy as np
 
 from rotorfit.base.array_types import Float
@@ -33,7 +31,7 @@ from rotorfit.estimators.starting.start_points import (
     random_starts,
     short_fits,
 )
-from rotorfit.models import Constant, Law, Modal
+from rotorfit.models import Modal, RotorModel
 
 _PASSES = (2, 4, 8, 16, 32)  # of the closed form; more than two only where these end far from the optimum
 _EXPLICIT_MISFIT = 4.0  # mean squared misfit that noise in measured eccentricities may leave
@@ -247,10 +245,9 @@ def explicit_with_sense(problem: Problem) -> Problem:
 def linear_starts(problem: Problem) -> list[Float]:
     """Starts from closed forms at small eccentricity, with the law at its own start values; empty without any."""
     space = problem.space
-    law: Law = getattr(space.model, "law", Constant())
     typical = {q.name: q.scale for q in space.model.parameters}
-    begin = law.start(typical.get("K0", 1.0), typical.get("D", 1.0))
-    _check_start(law, begin, typical)
+    begin = space.model.orbit_start(typical)
+    _check_start(space.model, {**typical, **begin}, begin)
     reduced = space.holding({entry: begin[base] for entry, base in enumerate(space.base) if base in begin})
     parts = (block.at_small_orbits(_LINEAR_ECCENTRICITY) for block in problem.blocks)
     small = tuple(part for part in parts if part is not None)
@@ -258,25 +255,24 @@ def linear_starts(problem: Problem) -> list[Float]:
         candidates = list(dict.fromkeys(closed_forms(reduced, small, passes=_PASSES)))
     except ClosedFormError:
         return []
-    return [_with_law(space, reduced, found.x, law) for found in candidates]
+    return [_with_orbit(space, reduced, found.x) for found in candidates]
 
 
-def _check_start(law: Law, begin: Mapping[str, float], typical: Mapping[str, float]) -> None:
+def _check_start(model: RotorModel, values: Mapping[str, float], begin: Mapping[str, float]) -> None:
     """Refuse a law that is no number where a fit begins, as one that divides by a parameter which starts at zero."""
-    values = {name: ca.SX(value) for name, value in {**typical, **begin}.items()}
-    found = law.at_speed(SimpleNamespace(**values), ca.SX(_LINEAR_ECCENTRICITY), ca.SX(100.0))
-    if not all(np.isfinite(float(ca.evalf(ca.SX(part)))) for part in found):
+    with np.errstate(all="ignore"):
+        found = model.coefficients([values[name] for name in model.parameter_names], 100.0, _LINEAR_ECCENTRICITY)
+    if not np.isfinite(found).all():
         said = ", ".join(f"{name} = {value:g}" for name, value in begin.items())
         raise ValueError(
-            f"law {law.name} gives no finite K0, D and lam where a fit begins, at {said} and eccentricity "
-            f"{_LINEAR_ECCENTRICITY:g}: give its parameters a scale, or the law a start(), at which it does"
+            f"{model.name} has no finite coefficients where a fit begins, at {said} and eccentricity "
+            f"{_LINEAR_ECCENTRICITY:g}: give its parameters a scale, or its law a start(), at which it has"
         )
 
 
-def _with_law(space: ParameterSpace, reduced: ParameterSpace, x: Float, law: Law) -> Float:
+def _with_orbit(space: ParameterSpace, reduced: ParameterSpace, x: Float) -> Float:
     """A full start from one of the linear rotor."""
     linear, bases = (dict(zip(names, x.tolist(), strict=True)) for names in (reduced.names, reduced.base))
-    scales = {q.name: q.scale for q in space.model.parameters}
-    begin = law.start(*(abs(bases[name]) if name in bases else scales.get(name, 1.0) for name in ("K0", "D")))
+    begin = space.model.orbit_start({q.name: q.scale for q in space.model.parameters} | bases)
     pairs = zip(space.names, space.base, strict=True)
     return np.array([linear[name] if name in linear else begin[base] for name, base in pairs])

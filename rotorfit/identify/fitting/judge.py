@@ -474,7 +474,8 @@ def growth(model: RotorModel, theta: Float, speed: Float, frequency: Float) -> t
 def why_not_refined(model: RotorModel, identifiability: Identifiability) -> str:
     """Why :func:`rotorfit.refine` refuses a fit; empty where it can be tried."""
     if not hasattr(model, "blocks"):
-        return f"{model.name} has no structural blocks to add: they couple two or more planes"
+        why = "they couple two or more planes" if len(model.planes) < 2 else "write what it lacks into its equation"
+        return f"{model.name} has no structural blocks to add: {why}"
     if identifiability.unresolved:
         return f"resolve the parameters of the plain model before adding to it. {identifiability}"
     return ""

@@ -296,13 +296,14 @@ def extrapolation(what: str, values: Float, tested: Sequence[Float]) -> list[str
         return [f"The fit has no responses to forces that turn: all {what} are extrapolated."]
     known = np.concatenate(tested)
     low, high = np.full(values.shape, np.inf), np.full(values.shape, -np.inf)
-    for sign in (-1.0, 1.0):
+    for sign in (-1.0, 0.0, 1.0):
         same = known[np.sign(known) == sign]
         if same.size:
             here = np.sign(values) == sign
             low[here], high[here] = same.min(), same.max()
     margin = SPEED_TOLERANCE * np.abs(known).max(initial=0.0)
-    sides = [values[values < low - margin] * RPM_PER_RAD_S, values[values > high + margin] * RPM_PER_RAD_S]
+    below = values < low - margin
+    sides = [values[below] * RPM_PER_RAD_S, values[~below & (values > high + margin)] * RPM_PER_RAD_S]
     count = sum(side.size for side in sides)
     if not count:
         return []

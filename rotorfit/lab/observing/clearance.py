@@ -75,8 +75,8 @@ def _off_jumps(model: RotorModel, given: Experiment) -> tuple[Experiment, str]:
     line = test.same_place
     out = np.isin(line, line[ending])
     return test.select(~out), (
-        f"{test.source or test.title}: {jumps} jumps from one orbit to another; the last {lines_before} lines before "
-        "each, where the orbit left ceases to exist, are left out"
+        f"{test.source or test.title}: {jumps} jump{'s' * (jumps > 1)} from one orbit to another; the "
+        f"last {lines_before} lines before each, where the orbit left ceases to exist, are left out"
     )
 
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from rotorfit.base.array_types import Index
 from rotorfit.identify.fitting.result import FitResult
-from rotorfit.models.coefficient_tables import law_curves, law_of
+from rotorfit.models.coefficient_tables import changing_fluid, law_curves
 from rotorfit.show.plots import journal, style
 from rotorfit.show.plots.sweeps import levels
 
@@ -20,7 +20,7 @@ def plot_law(fit: FitResult, *, sheet: style.Sheet) -> Figure:
 
     Dotted beyond the data, where the law alone speaks. A law that changes with speed has a curve for each tested one.
     """
-    law_of(fit.model)
+    changing_fluid(fit.model)
     limit, measured = journal.reach(fit), journal.eccentricities(fit)
     eps = np.linspace(0.0, limit + 0.15 * min(limit, 1 - limit), 200)
     series = journal.law_series(fit)
@@ -58,7 +58,7 @@ def plot_nonlinear_stiffness(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     Points are the data minus what the fitted model has for a vanishing orbit, lines the law's. Left against frequency,
     one colour a force level; right against eccentricity. Above the direct, below the quadrature part.
     """
-    law_of(fit.model)
+    changing_fluid(fit.model)
     blocks = list(journal.journal_lines(fit, static=False))
     if not blocks:
         raise ValueError("this fit has no circular orbits of the journal to plot")

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.estimators.blocks.small_motion import FreeVibrations
 from rotorfit.identify.fitting.result import FitResult
-from rotorfit.models.coefficient_tables import law_curves, law_of
+from rotorfit.models.coefficient_tables import changing_fluid, law_curves
 from rotorfit.models.motion.off_centre import off_centre_eigenvalues
 from rotorfit.show.plots import style
 from rotorfit.show.plots.journal import JournalLines, drive_stiffness, half_width, journal_lines, law_series
@@ -21,7 +21,7 @@ _POINTS = {"fmt": "o", "ms": 3.5, "elinewidth": 0.7}  # look of readings with th
 
 
 def _static(fit: FitResult) -> list[JournalLines]:
-    law_of(fit.model)
+    changing_fluid(fit.model)
     found = list(journal_lines(fit, static=True))
     if not found:
         raise ValueError("this fit has no static loads with the journal's position to plot")
@@ -126,7 +126,7 @@ def plot_velocity_ratio(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     The paper reads these ratios as lam; they are eigenvalues of the rotor, drawn as solid lines, and lam itself,
     dashed with its 95 % band, may lie elsewhere.
     """
-    law_of(fit.model)
+    changing_fluid(fit.model)
     blocks = [block for block in fit.problem.blocks if isinstance(block, FreeVibrations)]
     if not blocks:
         raise ValueError("this fit has no impulse tests to plot")
@@ -161,7 +161,9 @@ def _draw_ratios(fit: FitResult, axis: Any, speeds: list[float], eps: Float) -> 
     """Velocity ratios of the law, dashed, with 95 % bands; in the speed's colour where they change with it."""
     for group, speed in law_series(fit):
         colour = style.GREY if speed is None else style.colour_of(int(np.argmin(np.abs(np.array(speeds) - speed))))
-        for curve in law_curves(fit.model, fit.thetas[group], eps, speed)[2:]:
+        for curve in law_curves(fit.model, fit.thetas[group], eps, speed):
+            if not curve.name.startswith("lam"):
+                continue
             band = half_width(fit, group, curve.slope)
             style.draw_curve(axis, eps, curve.value, band, colour, "--", lw=1.2)
             axis.text(eps[-1], curve.value[-1], f" {curve.name.replace('lam', 'λ')}", fontsize=8, color=colour)
