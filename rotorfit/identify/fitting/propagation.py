@@ -89,7 +89,7 @@ def error_bar(fit: FitResult, slopes: Mapping[str, float]) -> ErrorBar | None:
     solved = fit.settings.solved
     if solved is None:
         return None
-    slope, by_causes = _by_all(fit, slopes)
+    slope, by_causes = slopes_of(fit, slopes)
     errors = solved.errors
     noise = math.sqrt(max(float(slope @ (fit.covar - errors.covariance) @ slope), 0.0))
     names = [cause.name for cause in solved.causes]
@@ -99,7 +99,7 @@ def error_bar(fit: FitResult, slopes: Mapping[str, float]) -> ErrorBar | None:
 
 def independent_parts(fit: FitResult, slopes: Mapping[str, float]) -> Float:
     """The error of a result by independent numbers of unit variance, those of the noise and those of the causes."""
-    slope, by_causes = _by_all(fit, slopes)
+    slope, by_causes = slopes_of(fit, slopes)
     solved = fit.settings.solved
     if solved is None:
         return spread_along(slope, fit.covar)
@@ -109,7 +109,7 @@ def independent_parts(fit: FitResult, slopes: Mapping[str, float]) -> Float:
     return np.concatenate([spread_along(slope, noise), spread_along(along, beside)])
 
 
-def _by_all(fit: FitResult, slopes: Mapping[str, float]) -> tuple[Float, Float]:
+def slopes_of(fit: FitResult, slopes: Mapping[str, float]) -> tuple[Float, Float]:
     """Derivatives by the fitted vector and by the sizes of causes, of derivatives by name."""
     solved = fit.settings.solved
     slope = _by_fitted(fit, slopes)

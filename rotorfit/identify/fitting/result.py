@@ -31,6 +31,7 @@ from rotorfit.identify.fitting.quantities import (
     THRESHOLD,
     ErrorBar,
     FittedParameter,
+    Number,
     Parameters,
     Quantity,
     ResponseQuality,
@@ -643,6 +644,31 @@ class FitResult:
         from rotorfit.identify.fitting.derived import derive
 
         return derive(self, quantity, unit, at)
+
+    def what_if(self, **values: float | Number) -> FitResult:
+        """The fitted rotor with other values: a result whose predictions, stability and figures have the errors of what
+        stays as it was fitted.
+
+        Args:
+            **values: parameters by name, SI: plain numbers, which are then known, or numbers made of this fit's
+                parameters, ``D=2 * fit.params["D"]``, which keep their errors. Known values may be changed too.
+
+        Returns:
+            a result that was not fitted: goodness of fit, residuals and causes are still those of this fit.
+
+        Raises:
+            KeyError: no such parameter; the message names the nearest.
+            ValueError: a fit that did not converge, or a number of another fit.
+
+        Example:
+            >>> swirl_brake = fit.what_if(lam=0.3, D=0.9 * fit.params["D"])
+            >>> print(swirl_brake.threshold_speed().to("rpm"))
+            4200 +- 33 rpm
+            >>> figure = fit.plot.stability(beside=swirl_brake)
+        """
+        from rotorfit.identify.fitting.what_if import what_if
+
+        return what_if(self, values)
 
     def bootstrap(
         self,

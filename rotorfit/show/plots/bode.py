@@ -129,7 +129,14 @@ def _axis_of(sheet: style.Sheet, found: Sequence[SweepCurve], against: str, mr: 
 
 
 @style.on_sheet
-def plot_bode(fit: FitResult, *, sheet: style.Sheet, against: str = "frequency", mr: float | None = None) -> Figure:
+def plot_bode(
+    fit: FitResult,
+    *,
+    sheet: style.Sheet,
+    against: str = "frequency",
+    mr: float | None = None,
+    beside: FitResult | None = None,
+) -> Figure:
     """Amplitude and phase of every response per unit force against signed perturbation frequency.
 
     Rows are probes (amplitude, then phase), columns force planes; colours are rotative speeds and, of nonlinear fluids,
@@ -137,13 +144,15 @@ def plot_bode(fit: FitResult, *, sheet: style.Sheet, against: str = "frequency",
     probe leads a force along it, forward and backward alike, as an analyser shows it.
 
     ``against``: ``ratio`` draws over frequency over rotative speed (Fig. 9), ``size`` forward and backward over one
-    another, these dashed and open (Fig. 8). ``mr``, kg m: amplitudes under that unbalance.
+    another, these dashed and open (Fig. 8). ``mr``, kg m: amplitudes under that unbalance. ``beside``: drawn dotted.
     """
     conditions, found = curves(fit, sheet)
     along = _axis_of(sheet, found, against, mr)
-    figure = _bode(fit.model, found, along, f"Bode plot{_weight(mr)}, {fit.model.name}")
+    others = [] if beside is None else curves(beside, sheet)[1]
+    figure = _bode(fit.model, found, along, f"Bode plot{_weight(mr)}, {fit.model.name}", others)
     marks = direction_marks(found, ".", " (fit dashed)") if against == "size" else None
-    condition_legend(figure, conditions, "fit and 95 % band", marks)
+    told = "" if beside is None else style.literal(beside.message)
+    condition_legend(figure, conditions, "fit and 95 % band", marks, told)
     return figure
 
 
@@ -158,11 +167,19 @@ def plot_measured_bode(
     return figure
 
 
-def _bode(model: RotorModel, found: Sequence[SweepCurve], along: _Axis, title: str) -> Figure:
-    """Curves in their panels, without a legend."""
+def _bode(
+    model: RotorModel, found: Sequence[SweepCurve], along: _Axis, title: str, others: Sequence[SweepCurve] = ()
+) -> Figure:
+    """Curves in their panels, without a legend; of others their lines alone."""
     figure, panels, bottom = panels_of(along.sheet, found, title, rows=2, size=(5.2, 1.9), one_abscissa=True)
     for curve in found if along.against == "size" else joined(found):
         draw_bode(model, panels[curve.coordinate, curve.force_plane], curve, along)
+    for curve in others:
+        amplitude, phase = panels[curve.coordinate, curve.force_plane]
+        factor, _ = _bode_unit(model, curve.coordinate, along)
+        fine, look = along.x(curve, curve.fine), {"ls": ":", "lw": 1.3, "color": curve.condition.colour}
+        amplitude.plot(fine, factor * along.scale(curve.fine) * np.abs(curve.fitted), **look)
+        phase.plot(fine, broken_phase(curve.line_seen), **look)
     for (probe, force), pair in panels.items():
         own = [c for c in found if (c.coordinate, c.force_plane) == (probe, force)]
         finish_bode(model, pair, own, along)
@@ -282,10 +299,15 @@ def broken_phase(values: ComplexArray) -> Float:
 
 
 def condition_legend(
-    figure: Figure, conditions: Sequence[SweepCondition], line: str, marks: Mapping[str, tuple[str, str]] | None = None
+    figure: Figure,
+    conditions: Sequence[SweepCondition],
+    line: str,
+    marks: Mapping[str, tuple[str, str]] | None = None,
+    dotted: str = "",
 ) -> None:
     """Legend: conditions, then points and line, then further marks, by their words marker and face."""
     entries: dict[str, Any] = {c.name: {"color": c.colour, "lw": 2} for c in conditions}
     for words, (marker, face) in (marks or {"measured": (".", style.GREY)}).items():
         entries[words] = {"ls": "", "marker": marker, "mfc": face, "ms": 4}
-    style.legend_below(figure, entries | ({line: {"lw": 1.2}} if line else {}))
+    entries |= {line: {"lw": 1.2}} if line else {}
+    style.legend_below(figure, entries | ({dotted: {"lw": 1.3, "ls": ":"}} if dotted else {}))

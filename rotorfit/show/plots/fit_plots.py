@@ -50,13 +50,21 @@ class FitPlots:
         """
         return plot_dynamic_stiffness(self._fit, against=against, **look)
 
-    def bode(self, *, against: str = "frequency", mr: float | None = None, **look: Unpack[PlotKeywords]) -> Figure:
+    def bode(
+        self,
+        *,
+        against: str = "frequency",
+        mr: float | None = None,
+        beside: FitResult | None = None,
+        **look: Unpack[PlotKeywords],
+    ) -> Figure:
         """Amplitude and phase of every response against frequency.
 
         Args:
             against: ``"frequency"``, signed; ``"ratio"``, that over the rotative speed (Fig. 9); ``"size"``, forward
                 and backward over one another (Fig. 8).
             mr: an unbalance, kg m, for which amplitudes are drawn in place of those per unit force.
+            beside: another rotor, of :meth:`rotorfit.FitResult.what_if`, whose lines are drawn dotted.
             **look: ``ax``: axes to draw in, one or as many as the figure has panels; one place for several panels is
                 divided, and a figure or subfigure filled. ``unit``: of frequencies (``"rpm"``, ``"hz"``, ``"rad_s"``),
                 of lengths (``"um"``, ``"mil_pp"``, ``"mm"``), or both, ``("hz", "mil_pp")``.
@@ -67,7 +75,7 @@ class FitPlots:
         Example:
             >>> fit.plot.bode(against="size", unit="hz").savefig(folder / "bode.png")
         """
-        return plot_bode(self._fit, against=against, mr=mr, **look)
+        return plot_bode(self._fit, against=against, mr=mr, beside=beside, **look)
 
     def drive_point(self, *, plane: str | None = None, mr: float | None = None, **look: Unpack[PlotKeywords]) -> Figure:
         """Phase, amplitude and dynamic stiffness of a forced plane above one another, a colour a condition (Fig. 11).
@@ -98,9 +106,10 @@ class FitPlots:
         """Lines of an uneven shaft and its twist against frequency; ``ax`` and ``unit`` as for :meth:`bode`."""
         return plot_lines(self._fit, **look)
 
-    def stability(self, **look: Unpack[PlotKeywords]) -> Figure:
-        """Eigenvalues against speed, threshold with its interval; ``ax`` and ``unit`` as for :meth:`bode`."""
-        return plot_stability(self._fit, **look)
+    def stability(self, *, beside: FitResult | None = None, **look: Unpack[PlotKeywords]) -> Figure:
+        """Eigenvalues against speed, threshold with its interval; ``beside``, of :meth:`rotorfit.FitResult.what_if`, is
+        drawn dashed; ``ax`` and ``unit`` as for :meth:`bode`."""
+        return plot_stability(self._fit, beside=beside, **look)
 
     def whirl(self, *, max_speed_rpm: float | None = None, group: int = 0, **look: Unpack[PlotKeywords]) -> Figure:
         """Radius and frequency of the whirl that the rotor keeps up beyond its threshold, against speed, with a band.

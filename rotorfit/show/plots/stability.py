@@ -28,19 +28,19 @@ _MODES = tuple(c for c in style.COLOURS if c != _THRESHOLD)
 
 
 @style.on_sheet
-def plot_stability(fit: FitResult, *, sheet: style.Sheet, group: int = 0) -> Figure:
+def plot_stability(fit: FitResult, *, sheet: style.Sheet, group: int = 0, beside: FitResult | None = None) -> Figure:
     """Modes against rotative speed, with the threshold and its 95 % interval.
 
-    Growth rate and damped frequency above, damping ratio and logarithmic decrement below.
+    Growth rate and damped frequency above, damping ratio and logarithmic decrement below; ``beside`` is drawn dashed.
     """
     if fit.model.turns:
         return turning_stability(sheet, fit)
-    onset, tested = None, _tested_speeds(fit, group)
-    if fit.model.speed_dependent and np.isfinite(fit.threshold_of(group).value):
-        onset = fit.threshold_of(group)
+    onset, tested = _onset_shown(fit, group), _tested_speeds(fit, group)
     # Shows the threshold with some room, or the tested speeds where there is none.
     fastest = max(float(np.max(experiment.speed, initial=0.0)) for experiment in fit.experiments)
     top = 1.5 * max(fastest, 1.0) if onset is None else 1.25 * max(onset.value, fastest)
+    other = _onset_shown(beside, group)
+    top = top if other is None else max(top, min(1.1 * other.value, 2.5 * top))
     speeds = np.union1d(np.linspace(0.0, top, 400), tested[-1:])  # at which the legend and tables name frequencies
     named_at = int(np.argmin(np.abs(speeds - tested.max(initial=0.0))))
     s, x = _modes(fit, group, speeds, named_at), speeds * sheet.per_rad_s
@@ -48,9 +48,13 @@ def plot_stability(fit: FitResult, *, sheet: style.Sheet, group: int = 0) -> Fig
     title = f"Stability, {fit.model.name}" + (f", {style.literal(label)}" if label else "")
     figure, axes = sheet.grid(2, 2, title, size=(5.4, 2.6))
     _draw_modes(sheet, axes, x, s)
+    if beside is not None:
+        _draw_modes(sheet, axes, x, _modes(beside, group, speeds, named_at), ls="--", lw=1.1)
     for axis in axes.flat:
         axis.set(xlabel=f"rotative speed, {sheet.rate_unit}", xlim=(0, x[-1]))
         mark_speeds(sheet, axis, tested.tolist())
+        if other is not None:
+            axis.axvline(other.value * sheet.per_rad_s, color=_THRESHOLD, lw=1.1, ls="--")
         if onset is not None:
             axis.axvline(onset.value * sheet.per_rad_s, color=_THRESHOLD, lw=1.4)
             if np.isfinite(onset.stderr):
@@ -66,6 +70,8 @@ def plot_stability(fit: FitResult, *, sheet: style.Sheet, group: int = 0) -> Fig
     entries: dict[str, Any] = {name: {"color": _MODES[i % len(_MODES)], "lw": 1.4} for i, name in enumerate(modes)}
     if onset is not None:
         entries[_threshold_words(sheet, onset)] = {"color": _THRESHOLD, "lw": 1.4}
+    if beside is not None:
+        entries[_beside_words(sheet, beside, other)] = {"color": "black", "lw": 1.1, "ls": "--"}
     entries["unstable"] = Patch(color=_THRESHOLD, alpha=0.15)
     entries["1×: frequency = speed"] = {"color": "0.6", "lw": 0.9, "ls": "--"}
     if tested.size:
@@ -76,7 +82,18 @@ def plot_stability(fit: FitResult, *, sheet: style.Sheet, group: int = 0) -> Fig
     return figure
 
 
-def _draw_modes(sheet: style.Sheet, axes: Any, x: Float, s: ComplexArray) -> None:
+def _onset_shown(fit: FitResult | None, group: int) -> Quantity | None:
+    """The threshold speed that is drawn, where there is one."""
+    if fit is None or not fit.model.speed_dependent or not np.isfinite(fit.threshold_of(group).value):
+        return None
+    return fit.threshold_of(group)
+
+
+def _beside_words(sheet: style.Sheet, beside: FitResult, onset: Quantity | None) -> str:
+    return style.literal(beside.message) + ("" if onset is None else f": {_threshold_words(sheet, onset)}")
+
+
+def _draw_modes(sheet: style.Sheet, axes: Any, x: Float, s: ComplexArray, **look: Any) -> None:
     """Growth rate and frequency of each mode above, its damping ratio and decrement below."""
     zeta = -s.real / np.where(np.abs(s) > 0, np.abs(s), np.nan)
     overdamped = 0.99  # damping ratio from which a mode no longer oscillates and has no decrement
@@ -91,7 +108,7 @@ def _draw_modes(sheet: style.Sheet, axes: Any, x: Float, s: ComplexArray) -> Non
     for axis, (name, values) in zip(axes.flat, panels.items(), strict=True):
         axis.set_ylabel(name)
         for mode in range(s.shape[1]):
-            axis.plot(x, values[:, mode], color=_MODES[mode % len(_MODES)], lw=1.4)
+            axis.plot(x, values[:, mode], color=_MODES[mode % len(_MODES)], **{"lw": 1.4, **look})
     largest = 3.0  # largest decrement worth a place on its axis: what matters is near zero
     _unstable_half(axes[0, 0], s.real, above=True)
     _unstable_half(axes[1, 0], zeta, above=False)
