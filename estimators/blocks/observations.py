@@ -475,8 +475,17 @@ def linear_responses(blocks: Iterable[Block]) -> list[Responses]:
 
 
 def force_plane(block: Responses) -> Index:
-    """Coordinate that the force of each reading acts at, shape ``(R,)``."""
-    return np.asarray(np.argmax(np.abs(block.force), axis=1))[block.line]
+    """Coordinate that the force of each reading acts at, shape ``(R,)``; of several at once that of the most in its
+    run, whose other one may be the greater where the rig resonates."""
+    size = np.abs(block.force)
+    plane = np.asarray(np.argmax(size, axis=1))[block.line]
+    several = (np.count_nonzero(size, axis=1) > 1)[block.line]
+    if not several.any():
+        return plane
+    run = numbers(block.run)
+    total = np.zeros((int(run.max()) + 1, size.shape[1]))
+    np.add.at(total, run[several], size[block.line[several]])
+    return np.where(several, np.argmax(total, axis=1)[run], plane)
 
 
 def acts_alone(block: Responses) -> Bool:

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -114,7 +115,8 @@ def local_response(
         )
     most = 512  # narrowest bands of a record; longer records have wider ones
     count = min(fewest // needed, most)
-    edges = np.linspace(low, high, count + 1)
+    edges = _between_tones(records, np.linspace(low, high, count + 1))
+    count = edges.size - 1
     edges[-1] = np.nextafter(high, np.inf)
     poles = np.full(count, np.nan + 0j)
     for _ in range(1 if transient else POLE_PASSES):
@@ -142,6 +144,23 @@ def local_response(
         width=np.repeat([step * (fit.lines[0].stop - fit.lines[0].start) for fit in fits], nodes),
         residual=tuple(left),
     )
+
+
+def _between_tones(records: Sequence[RecordSpectra], edges: Float) -> Float:
+    """Edges of bands that hold as many tones of a multisine as a polynomial has coefficients, so that the nodes are the
+    tones; the edges as they are under other forces, and where the tones lie closer."""
+    whole, few = 0.9, 0.25  # share of the power, and of the lines that hold it, up to which these are tones
+    record = records[0]
+    inside = (record.frequency >= edges[0]) & (record.frequency <= edges[-1])
+    power, lines = np.sum(np.abs(record.forces[:, inside]) ** 2, axis=0), record.frequency[inside]
+    loudest = np.argsort(power)[::-1]
+    held = np.sort(loudest[: int(np.searchsorted(np.cumsum(power[loudest]), whole * power.sum())) + 1])
+    tones = np.split(lines[held], np.flatnonzero(np.diff(held) > 1) + 1)
+    bands = len(tones) // (SMOOTH_DEGREE + 1)
+    if held.size > few * lines.size or not 1 <= bands < edges.size:
+        return edges
+    gaps = np.array([(one[-1] + other[0]) / 2 for one, other in pairwise(tones)])
+    return np.concatenate([edges[:1], gaps[SMOOTH_DEGREE :: SMOOTH_DEGREE + 1][: bands - 1], edges[-1:]])
 
 
 def gauss_nodes(position: Float, weight: Float, count: int) -> Float:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from plain import plain_fit
 from seal_rig import FLUID
 from sentences import hear, refuses
-from shaken_stator import SETUP, rods, shaken
+from shaken_stator import SETUP, multisine, rods, shaken
 
 import rotorfit as rf
 
@@ -24,6 +27,15 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "swapped.toml").write_text(swapped)
     shaken(folder, rpm=3000.0, band_hz=(40.0, 200.0), duration=6.0)
     return folder
+
+
+def with_attributes(rig: Path, folder: Path, axis: str, attributes: dict[str, object]) -> rf.Recording:
+    """A recording of the rig whose file says more of its state."""
+    path = folder / f"wet-3000-shaken-{axis}.h5"
+    shutil.copyfile(rig / path.name, path)
+    with h5py.File(path, "r+") as file:
+        file.attrs.update(attributes)
+    return rf.read_recording(path, rig / "rig.toml")
 
 
 def reduced(folder: Path, names: list[str], setup: str = "rig.toml") -> rf.PerturbationTest:
@@ -62,6 +74,67 @@ def test_responses_are_chosen_by_frequency(rig: Path) -> None:
     whole, part = rf.responses(records), rf.responses(records, where={"frequency_hz": (80.0, 120.0)})
     hz = np.abs(whole.frequency) / (2 * np.pi)
     np.testing.assert_array_equal(part.response, whole.response[(hz >= 80.0) & (hz <= 120.0)])
+
+
+@pytest.mark.parametrize("attributes", [{}, {"shake": "xy"}, {"shake": "xy", "P_bar": (30.0, 30.0)}])
+def test_a_pair_is_reduced_together_whatever_tells_it_apart(
+    rig: Path, tmp_path: Path, attributes: dict[str, Sequence[object]]
+) -> None:
+    """A word for the axis keeps no pair apart."""
+    whole = reduced(rig, ["wet-3000-shaken-x", "wet-3000-shaken-y"])
+    marked = [
+        with_attributes(rig, tmp_path, axis, {name: values[number] for name, values in attributes.items()})
+        for number, axis in enumerate("xy")
+    ]
+    found: list[rf.Finding] = []
+    test = rf.responses(marked, on_finding=found.append)
+    assert test.forces == whole.forces
+    np.testing.assert_array_equal(test.response, whole.response)
+    assert not [one for one in found if one.code == "shaken-apart"]
+
+
+def test_what_keeps_a_pair_apart_is_named(rig: Path, tmp_path: Path) -> None:
+    marked = [with_attributes(rig, tmp_path, axis, {"P_bar": bar}) for axis, bar in (("x", 29.0), ("y", 31.0))]
+    found: list[rf.Finding] = []
+    rf.responses(marked, on_finding=found.append)
+    (one,) = [one for one in found if one.code == "shaken-apart"]
+    hear(one.message)
+
+
+def test_repeats_are_averaged(tmp_path: Path) -> None:
+    """Two tests of six recordings, whose errors are a root of three less."""
+    (tmp_path / "rig.toml").write_text(SETUP)
+    records = []
+    for seed in range(3):
+        (tmp_path / str(seed)).mkdir()
+        for path in shaken(tmp_path / str(seed), rpm=3000.0, duration=4.0, band_hz=(40.0, 200.0), seed=seed):
+            records.append(rf.read_recording(path, tmp_path / "rig.toml"))
+    one, all_of_them = rf.responses(records[:2]), rf.responses(records)
+    assert [run.rpartition("/")[2] for run in all_of_them.runs] == [
+        f"wet-3000-shaken-{axis} and 2 more" for axis in "xy"
+    ]
+    size = [np.median(np.abs(test.sigma / test.response)) for test in (one, all_of_them)]
+    per_line = np.sqrt(len(one) / len(all_of_them))
+    assert size[0] * per_line / size[1] == pytest.approx(np.sqrt(3), rel=0.25)
+    fit = plain_fit(MODEL, all_of_them)
+    assert np.abs(misses(fit)).max() < 4
+    assert 0.7 < fit.redchi < 1.3
+
+
+def test_tones_of_a_multisine_are_the_lines(tmp_path: Path) -> None:
+    """Every 10 Hz, among them 50, 60 and 150: each is told as well as its own noise allows, and is not hum."""
+    (tmp_path / "rig.toml").write_text(SETUP)
+    tones = np.arange(20.0, 191.0, 10.0)
+    records = [rf.read_recording(path, tmp_path / "rig.toml") for path in multisine(tmp_path, tones)]
+    found: list[rf.Finding] = []
+    test = rf.responses(records, on_finding=found.append)
+    assert not [one for one in found if one.code == "hum"]
+    hz = np.unique(np.round(np.abs(test.frequency) / (2 * np.pi), 6))
+    assert np.abs(hz - tones[np.abs(hz[:, None] - tones).argmin(axis=1)]).max() < 0.25  # half a line of the record
+    assert hz.size == tones.size
+    fit = plain_fit(MODEL, test)
+    assert np.abs(misses(fit)).max() < 4
+    assert 0.5 < fit.redchi < 1.5
 
 
 def test_one_recording_alone_has_both_forces(rig: Path) -> None:

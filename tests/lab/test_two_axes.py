@@ -16,6 +16,7 @@ import rotorfit as rf
 from rotorfit.lab.data.experiments import PerturbationTest
 
 HZ = np.linspace(20.0, 200.0, 7)
+HZ_FINE = np.linspace(20.0, 200.0, 61)
 MODEL = rf.models.Anisotropic(("stator",))
 
 
@@ -56,6 +57,18 @@ def test_runs_of_a_pair_log_speeds_a_little_apart(apart: float) -> None:
     np.testing.assert_allclose(row.frequency, 2 * np.pi * HZ)
     np.testing.assert_allclose(row.stiffness, K - row.frequency**2 * M, rtol=1e-9)
     np.testing.assert_allclose(row.damping, np.tile(D, HZ.size), rtol=1e-9)
+
+
+def test_repeats_without_noise_are_sweeps_though_the_other_force_is_the_greater_at_some_lines() -> None:
+    """The passive shaker pulls more than the driven one where the stator resonates along the driven axis."""
+    tables = [floating_stator(speeds_rpm=[3000.0], motion_noise=0.05, frequency_hz=HZ_FINE, seed=k) for k in range(3)]
+    for number, table in enumerate(tables):
+        near = np.abs(table["frequency_hz"] - 110.0) < 3.0
+        table.loc[near & table["run"].str.endswith("x"), "force_x_N"] *= 0.02
+        table["run"] += f" {number}"
+    fit = plain_fit(MODEL, read(pd.concat(tables)))
+    (block,) = fit.problem.responses
+    assert np.median(block.sigma) == pytest.approx(0.05e-6, rel=0.2)
 
 
 def test_an_isotropic_model_sees_both_forces_forward_and_backward() -> None:

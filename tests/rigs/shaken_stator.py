@@ -69,6 +69,32 @@ def shaken(
     return paths
 
 
+def multisine(folder: Path, tones_hz: NDArray[np.float64], *, seed: int = 0) -> list[Path]:
+    """Two recordings of the steady motion under sines with phases of Schroeder, and 3 % of them along the other axis,
+    each line solved by itself; 4.3 s, which holds no whole number of periods. The fluid is that of 3000 rpm, the shaft
+    has no mark and is said to rest: no orders."""
+    w, rng = 2 * np.pi * tones_hz, np.random.default_rng(seed)
+    K, C = (own + more for own, more in zip(rods(), matrices(FLUID(3000.0))[:2], strict=True))
+    kappa = K + 1j * w[:, None, None] * C - w[:, None, None] ** 2 * STATOR_MASS * np.eye(2)
+    waves = np.exp(1j * np.outer(np.arange(int(4.3 * RATE)) / RATE, w))
+    paths = []
+    for axis in (0, 1):
+        F = np.zeros((w.size, 2), dtype=complex)
+        F[:, axis] = 60.0 * np.exp(1j * np.pi * np.arange(w.size) ** 2 / w.size)
+        F[:, 1 - axis] = 0.03 * F[:, axis] * np.exp(0.4j)
+        A = np.linalg.solve(kappa, F[..., None])[..., 0]
+        force, motion = ((waves @ part).real for part in (F, A))
+        name = folder / f"tones-shaken-{'xy'[axis]}.h5"
+        with h5py.File(name, "w") as file:
+            file.attrs.update(sample_rate_hz=RATE, speed_rpm=0.0, rotation="ccw")
+            for way, letter in enumerate("XY"):
+                moved = motion[:, way] + 1e-7 * rng.standard_normal(len(motion))
+                file[f"stator_{letter}"] = -10.0 + 8e3 * moved
+                file[f"cell_{letter}"] = 0.01 * (force[:, way] + 0.05 * rng.standard_normal(len(force)))
+        paths.append(name)
+    return paths
+
+
 SETUP = """
 [[probe]]
 plane = "stator"

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from rotorfit.base.array_types import Bool, ComplexArray
+from rotorfit.base.array_types import Bool, ComplexArray, Float
 from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.signals.spectral_lines import Turning, folded_orders, mains_hum
@@ -250,8 +250,18 @@ def hum_findings(record: Signals, shaft: AngleTrack | None) -> Iterator[Finding]
     speeds, margin = speeds[speeds > 0], 3 * record.sample_rate / size
     lines: dict[float, list[tuple[str, float]]] = {}
     hidden: dict[float, list[str]] = {}
+    forced: set[int] = set()
+    driven, reach, least = (
+        _driven_lines(record, size),
+        3,
+        0.05,
+    )  # lines beside, and the share from which a line is driven
     for probe in record.probes:
         for frequency, amplitude in mains_hum(record.displacement(probe, 0, size), record.sample_rate):
+            at = round(frequency * size / record.sample_rate)
+            if driven[max(at - reach, 0) : at + reach + 1].max() > least:
+                forced.add(round(frequency))
+                continue
             orders = np.round(frequency / speeds)
             near = (np.abs(frequency - orders * speeds) < margin) & (orders <= 10)
             if not near.any():
@@ -264,6 +274,12 @@ def hum_findings(record: Signals, shaft: AngleTrack | None) -> Iterator[Finding]
             f"{listed(channels)} is hum cannot be decided. Record at another speed, or with the shaft at rest."
         )
         yield Finding("note", "hum-on-order", words)
+    if forced:
+        words = (
+            f"{record.name}: the measured force drives {listed([str(hz) for hz in sorted(forced)])} Hz, where mains "
+            "hum would stand too: what of the motion there is hum cannot be decided."
+        )
+        yield Finding("note", "hum-on-force", words)
     for frequency, seen in sorted(lines.items()):
         worst = max(amplitude for _, amplitude in seen)
         words = (
@@ -271,6 +287,18 @@ def hum_findings(record: Signals, shaft: AngleTrack | None) -> Iterator[Finding]
             f"{significant(abs(worst) * 1e6, 3)} µm: lines of the response at that frequency are spoiled."
         )
         yield Finding("warning", "hum", words)
+
+
+def _driven_lines(record: Signals, size: int) -> Float:
+    """Spectrum of a measured force over its highest line: hum in its own channels is small there, the lines of a
+    multisine at whole hertz are not; zero without one."""
+    if record.force is None or not record.force.measured:
+        return np.zeros(size // 2 + 1)
+    force = record.force_signal(0, size)
+    window = np.hanning(force.size)
+    parts = np.stack([force.real, force.imag])
+    spectrum = np.abs(np.fft.rfft((parts - parts.mean(axis=1, keepdims=True)) * window)).max(axis=0)
+    return np.asarray(spectrum / max(float(spectrum.max()), 1e-300))
 
 
 def folding_findings(record: Signals, shaft: AngleTrack) -> Iterator[Finding]:

@@ -88,12 +88,13 @@ def measured_responses(recordings: Sequence[Recording], report: Report) -> Pertu
     tests = []
     while driven:
         first = driven.pop(0)
-        partner = next((other for other in driven if _belong_together(first, other)), None)
-        if partner is None:
+        others = [other for other in driven if _of_one_state(first, other)]
+        ways = {each.direction for each in (first, *others)}
+        if ways != {"x", "y"} or (len(others) == 1 and first.ratio is None and others[0].ratio is None):
             tests.append(_alone(first, report))
         else:
-            driven.remove(partner)
-            tests += _of_both(first, partner, report)
+            driven = [each for each in driven if each not in others]
+            tests += _of_both([first, *others], report)
     return join(tests)
 
 
@@ -128,6 +129,14 @@ def look_at_force(record: Recording, *, struck: bool = False) -> MeasuredForce:
     if not share[-1]:
         raise ValueError(f"{record.name}: the measured force does not stand out of the noise of its channels")
     return MeasuredForce(*(ends * step).tolist(), *noise.tolist())
+
+
+def shaken_along(record: Recording) -> str:
+    """Axis along which the greater part of a measured force acts."""
+    window = 0.25  # length of the windows, s
+    power, _ = _powers(record, min(window, record.duration))
+    along_x, along_y = power.sum(axis=(0, 2)).tolist()
+    return "x" if along_x > along_y else "y"
 
 
 def _powers(record: Recording, length: float, *, over_ends: bool = False) -> tuple[Float, float]:
@@ -228,13 +237,11 @@ def _force_across(driven: _Forced, found: LocalResponse) -> tuple[ComplexArray, 
     return (ratio, sigma) if excess > SIGNIFICANT_ERRORS / np.sqrt(ratio.size) else None
 
 
-def _belong_together(one: _Driven, other: _Driven) -> bool:
-    """True if one recording is shaken along x and one along y, at one speed, and either along both."""
+def _of_one_state(one: _Driven, other: _Driven) -> bool:
+    """True if forces along both axes were measured in two recordings, either along one of them, at one speed."""
     speeds = [each.reduced.shaft_speed for each in (one, other)]
     return (
-        {one.direction, other.direction} == {"x", "y"}
-        and not (one.ratio is None and other.ratio is None)
-        and not (one.struck or other.struck)
+        not (one.struck or other.struck)
         and one.across is not None
         and other.across is not None
         and one.reduced.record.planes == other.reduced.record.planes
@@ -308,22 +315,24 @@ def _clear(driven: _Driven, found: LocalResponse, report: Report) -> Bool:
     return clear
 
 
-def _of_both(one: _Driven, other: _Driven, report: Report) -> list[PerturbationTest]:
-    """The tests that two recordings make together, one of each, at lines that they share.
+def _of_both(several: Sequence[_Driven], report: Report) -> list[PerturbationTest]:
+    """The tests that recordings along x and along y make together, one of each axis, at lines that they share; repeats
+    are averaged, and what they scatter is in the noise.
 
     Forces (columns of the inverse root of the covariance of both responses) are chosen so that the two tests err
     independently. They are nearly those that acted, and taken to be along the axes where they nearly are.
     """
-    pair = sorted((one, other), key=lambda driven: driven.direction)
+    ordered = sorted(several, key=lambda driven: driven.direction)
     spectra = []
-    for driven in pair:
+    for driven in ordered:
         reduced = driven.reduced.without_orders()
         own = reduced.spectra(np.ones(1, dtype=complex), reduced.orders())
         across = [reduced.spectrum(driven.across)] if driven.across is not None else []
         forces = [own.forces[0], *across] if driven.direction == "x" else [*across, own.forces[0]]
         spectra.append(replace(own, forces=np.array(forces), force_noise=driven.noise))
-    lows, highs = zip(*(driven.reduced.band for driven in pair), strict=True)
-    found = estimated([driven.reduced.record for driven in pair], spectra, max(lows), min(highs))
+    lows, highs = zip(*(driven.reduced.band for driven in ordered), strict=True)
+    found = estimated([driven.reduced.record for driven in ordered], spectra, max(lows), min(highs))
+    found = replace(found, noise=found.noise * _scatter(found, spectra))
     acting = _independent_forces(found.covariance)
     each = [
         replace(
@@ -334,12 +343,41 @@ def _of_both(one: _Driven, other: _Driven, report: Report) -> list[PerturbationT
         )
         for k in (0, 1)
     ]
-    clear = np.logical_and(*[_clear(driven, part, report) for driven, part in zip(pair, each, strict=True)])
-    tests = [_rows(driven, part, clear, report) for driven, part in zip(pair, each, strict=True)]
-    return [
-        _with_across(test, driven, acting[1 - k, k, clear]) if acting[1 - k, k].any() else test
-        for k, (driven, test) in enumerate(zip(pair, tests, strict=True))
-    ]
+    firsts = {driven.direction: driven for driven in reversed(ordered)}
+    silent: list[Finding] = []  # repeats say what the first of them says
+    clear = np.ones(found.frequency.size, dtype=bool)
+    for driven in ordered:
+        tell = report if driven is firsts[driven.direction] else silent.append
+        clear &= _clear(driven, each[driven.direction == "y"], tell)
+    tests = []
+    for k, axis in enumerate("xy"):
+        test = _rows(firsts[axis], each[k], clear, report)
+        if acting[1 - k, k].any():
+            test = _with_across(test, firsts[axis], acting[1 - k, k, clear])
+        more = sum(driven.direction == axis for driven in ordered) - 1
+        if more:
+            test = replace(test, run=np.full(len(test), f"{test.run[0]} and {more} more"))
+        tests.append(test)
+    return tests
+
+
+def _scatter(found: LocalResponse, spectra: Sequence[RecordSpectra]) -> Float:
+    """Factor on the noise of each output at each line by which repeats scatter there beyond the noise beside it, as
+    under hum in the channels of the forces, shape ``(P, L)``; one without repeats."""
+    forces, wide = 2, 1.5  # lines of the spectrum beside a node that are its own, those with force the more
+    freedom = len(spectra) - forces
+    if not freedom:
+        return np.ones(found.noise.shape)
+    own = np.zeros(found.noise.shape)
+    for record, left in zip(spectra, found.residual, strict=True):
+        step = float(record.frequency[1] - record.frequency[0])
+        near = (np.abs(record.frequency - found.frequency[:, None]) <= wide * step) & np.isfinite(left[0])
+        weight = near * np.sum(np.abs(record.forces) ** 2, axis=0)
+        total = weight.sum(axis=1)
+        share = np.divide(weight, total[:, None], out=np.zeros_like(weight), where=total[:, None] > 0)
+        own += np.abs(np.nan_to_num(left)) ** 2 @ share.T
+    ratio = own / freedom / found.noise**2
+    return np.asarray(np.where(ratio > 1 + SIGNIFICANT_ERRORS / np.sqrt(freedom), np.sqrt(ratio), 1.0))
 
 
 def _independent_forces(covariance: ComplexArray) -> ComplexArray:

@@ -30,6 +30,7 @@ from rotorfit.lab.recordings.recording import Recording, named_apart
 from rotorfit.lab.recordings.reduction.reductions import dwelling, force_of, reduced_responses
 from rotorfit.lab.recordings.reduction.response_lines import Report
 from rotorfit.lab.recordings.reduction.ring_downs import ring_downs
+from rotorfit.lab.recordings.reduction.shaken_states import states
 from rotorfit.lab.recordings.reduction.static_positions import static_positions
 from rotorfit.lab.recordings.rig.setup import Force
 from rotorfit.lab.recordings.signals import source_of
@@ -124,7 +125,7 @@ def checked_responses(
         on_finding(_datum_finding(records))
     if forces[0].measured and turns:
         raise ValueError("windows of whole turns need a force that turns with a mark; this one was measured")
-    jobs, work = _together(records, forces, turns), partial(_reduced, turns=turns, checked=checked)
+    jobs, work = _together(records, forces, turns, on_finding), partial(_reduced, turns=turns, checked=checked)
     if executor is None:
         reduced = carry_out(partial(work, tell=tell), jobs, None)
     else:
@@ -140,16 +141,13 @@ def checked_responses(
     return replace(test, source=source_of(records))
 
 
-def _together(records: Sequence[Recording], forces: Sequence[Force], turns: int | None) -> list[_Job]:
+def _together(records: Sequence[Recording], forces: Sequence[Force], turns: int | None, report: Report) -> list[_Job]:
     """Recordings that are reduced together, and how many such groups their runs without a weight are part of."""
     pairs = list(zip(records, forces, strict=True))
     if forces[0].reference == "":
-        # along both axes at one plane, in one state of the rig; others alone
-        groups: dict[object, list[Recording]] = {}
-        for record, force in pairs:
-            state = (force.plane, record.speed, tuple(sorted(record.attributes.items())))
-            groups.setdefault(state if all(force.channels) else record.name, []).append(record)
-        return [(tuple(group), 1) for group in groups.values()]
+        both = [record for record, force in pairs if all(force.channels)]
+        alone = [(record,) for record, force in pairs if not all(force.channels)]
+        return [(group, 1) for group in (*states(both, report), *alone)]
     if forces[0].reference == "perturbator" and all(force.mr for force in forces):
         return [((record,), 1) for record in records]
     bare = [record for record, force in pairs if not force.mr]
