@@ -17,7 +17,6 @@ from rotorfit.base.names import unknown_name
 from rotorfit.models.compiled import array_function
 from rotorfit.models.fluid import PlaneFluid, fluid_parameters
 from rotorfit.models.known_structure import KnownStructure
-from rotorfit.models.lumped import Anisotropic
 from rotorfit.models.model import RotorModel
 from rotorfit.models.motion.journal import journal
 from rotorfit.models.parameters import MATRIX_UNITS
@@ -69,7 +68,7 @@ def plane_force(model: RotorModel, theta: Float, speed: float, plane: str, eccen
 def force_parameters(model: RotorModel) -> Bool:
     """Parameters that make the force at a plane: those of the fluid, or all where the structure stands apart."""
     whole = model.on_own_supports
-    if isinstance(whole, KnownStructure | Anisotropic):
+    if whole.force_alone:
         return np.ones(len(model.parameters), dtype=bool)
     if whole.fluids:
         names = {q.name for fluid in whole.fluids for q in fluid.parameters}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from types import MappingProxyType
 from typing import Any, ClassVar
 
 import numpy as np
@@ -71,12 +70,12 @@ class KnownStructure(RotorModel):
     """
 
     name: ClassVar[str] = "known-structure"
+    force_alone = True
 
     late_row: ClassVar[float] = 1e6
     """Factor of the equation of a delayed displacement, N/m: of the size of the stiffness in other rows."""
 
     from_ross = ClassAccessor()
-    made_from: Mapping[str, Any] = MappingProxyType({})
     """Path and arguments of :meth:`from_ross`, where the matrices are those of a file."""
 
     def __init__(

@@ -359,6 +359,7 @@ class Anisotropic(RotorModel):
     """
 
     name: ClassVar[str] = "anisotropic"
+    force_alone = True
     frame: Literal["z", "xy"] = "xy"
 
     def __init__(self, planes: Sequence[str] = ("journal",)) -> None:

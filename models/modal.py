@@ -50,6 +50,7 @@ class Modal(RotorModel):
     """
 
     name: ClassVar[str] = "modal"
+    of_modes = True
     has_causes = False  # gains and angles are those of probes and forces as they are
 
     no_closed_form = "a modal model starts from a rational fit of its own, which is no estimate with errors"

@@ -76,6 +76,9 @@ class RotorModel(ABC):
     leads: tuple[str, ...] = ("threshold speed", "least damping", "D", "lam", "lam_D", "lam_M", "Mf", "K0")
     no_closed_form: str = ""  # why a closed form of it says nothing with errors, in words
     advice: str = ""  # what to do where it limits a fit, other than to let data ask for blocks
+    of_modes: bool = False  # its coordinates are modes, x and y each for itself
+    force_alone: bool = False  # it is the force of a bearing or seal, its structure standing apart or left out
+    made_from: Mapping[str, Any] = MappingProxyType({})  # what read a known structure from a file, and its arguments
     turns: bool = False  # free motion (see motion) is written in turning coordinates, each motion with its image
 
     @abstractmethod
@@ -139,6 +142,34 @@ class RotorModel(ABC):
     def alternatives(self) -> tuple[RotorModel, ...]:
         """Models that stand for this one where it leaves a choice to the data: a fit takes that of least BIC."""
         return ()
+
+    @property
+    def nodes(self) -> dict[str, int]:
+        """Nodes of a known structure by plane."""
+        return {}
+
+    @property
+    def turning(self) -> RotorModel:
+        """The equations in coordinates where their coefficients are constant."""
+        return self
+
+    @property
+    def round_rotor(self) -> RotorModel | None:
+        """The rotor without what turns with it, where its parameters come first; None where nothing turns."""
+        return None
+
+    @property
+    def line_places(self) -> Mapping[str, int]:
+        """Lines that can be read, by name, with their place among those of :attr:`turning`; of most models none."""
+        return {}
+
+    def with_more_lines(self, count: int) -> RotorModel | None:
+        """The same with more lines that a force brings about, None where none were left out.
+
+        Args:
+            count: lines more on either side.
+        """
+        return None
 
     @property
     def on_own_supports(self) -> RotorModel:

@@ -59,6 +59,11 @@ class OrbitResponses(OnResponses):
         """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
         return True
 
+    @property
+    def shows_eccentricity(self) -> bool:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return bool(np.isfinite(self.eccentricity).any())
+
     def lines(self, keep: Bool) -> OrbitResponses:
         """The observations of some lines."""
         return OrbitResponses(self.base.lines(keep), self.eccentricity[keep], self.mode, self.sweep[keep])

@@ -102,6 +102,11 @@ class Asked(Protocol):
         return False
 
     @property
+    def shows_eccentricity(self) -> bool:
+        """True if it shows how a rotor changes with the eccentricity of its journal."""
+        return False
+
+    @property
     def tells_sense(self) -> bool:
         """True if they tell in which sense the shaft turns."""
         return True
@@ -173,6 +178,14 @@ class Asked(Protocol):
     def at_set_speed(self) -> Block:
         """The observations as if the speed had not wandered, for what holds for every set speed alike."""
         return self  # type: ignore[return-value]
+
+    def as_if_round(self, rotor: RotorModel) -> Responses | None:
+        """The motion at w alone, of a rotor that is taken for round, None where it was not read.
+
+        Args:
+            rotor: the model without what turns with it.
+        """
+        return None
 
     def at_small_orbits(self, limit: float) -> Responses | None:
         """Responses at eccentricities up to a limit, or, where there are too few, those of the smaller half."""

@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from rotorfit.base.array_types import Bool, ComplexArray, Float, Index, Text
-from rotorfit.estimators.blocks.observations import Observed, OnResponses
-from rotorfit.models import AnisotropicShaft, TurningFrame, TurningOnSupports
+from rotorfit.estimators.blocks.observations import Observed, OnResponses, Responses
+from rotorfit.models import AnisotropicShaft, RotorModel
 from rotorfit.models.shafts.combination_lines import Order, line_order
 
 
@@ -120,13 +120,30 @@ class PairResponses(OnResponses):
     def cut_off(self, theta: Float) -> Float:
         """Change by lines that the model leaves out, m, shape ``(R,)``: with two more on either side."""
         frame = self.base.model
-        if not isinstance(frame, TurningFrame) or not isinstance(frame.base, TurningOnSupports):
+        finer = frame.with_more_lines(2)
+        if finer is None:
             return np.zeros(self.measured.size)
-        finer = frame.base.variant(terms=frame.base.terms + 2).turning
         lacking = len(finer.coordinates) - len(frame.coordinates)
         force = np.pad(self.base.force, ((0, 0), (0, lacking)))
         more = replace(self.base, model=finer, force=force).predict(theta)
         return np.asarray(np.abs(more - self.base.predict(theta)))
+
+    def as_if_round(self, rotor: RotorModel) -> Responses | None:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        base, rows = self.base, np.flatnonzero(self.line == "w")
+        if not rows.size:
+            return None
+        lines, line = np.unique(base.line[rows], return_inverse=True)
+        return replace(
+            base,
+            model=rotor,
+            speed=base.speed[lines],
+            frequency=(base.frequency + base.speed)[lines],
+            force=base.force[lines, : len(rotor.coordinates)],
+            group=base.group[lines],
+            line=line.reshape(-1).astype(np.intp),
+            **{name: getattr(base, name)[rows] for name in ("coordinate", "measured", "sigma", "label", "run")},
+        )
 
     def _turned_back(self, values: ComplexArray) -> ComplexArray:
         """Values of readings, along the last axis."""

@@ -130,6 +130,11 @@ class FreeVibrations(Observed):
         return False
 
     @property
+    def shows_eccentricity(self) -> bool:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return self.model.eccentricity_dependent and bool((self.eccentricity > 0).any())
+
+    @property
     def tells_sense(self) -> bool:
         """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
         return False

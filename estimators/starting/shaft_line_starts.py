@@ -7,14 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from rotorfit.base.array_types import RANK_TOLERANCE, ComplexArray, Float
-from rotorfit.estimators.blocks.observations import Responses
-from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses
+from rotorfit.estimators.blocks.shaft_lines import LineResponses
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.misfit.ratios import LogRatioProblem, Ratios, ratios_of
 from rotorfit.estimators.signals.ratios import least_squares
 from rotorfit.estimators.signals.start_up_lines import shaft_of_lines
 from rotorfit.estimators.starting.start_points import full_vector
-from rotorfit.models import Turning, TurningOnSupports
 from rotorfit.models.shafts.combination_lines import Order
 
 _REWEIGHTINGS = 4
@@ -32,33 +30,33 @@ def round_part(problem: Problem) -> Problem | None:
     """The problem of a rotor with a turning element as if it were round, from its motion at w; None of others. What is
     fitted besides comes last, so that the start of this problem is the beginning of that of the whole one."""
     space = problem.space
-    if not isinstance(space.model, Turning):
+    rotor = space.model.round_rotor
+    if rotor is None:
         return None
-    pairs = [block for block in problem.blocks if isinstance(block, PairResponses)]
-    kept = [i for i, name in enumerate(space.base) if name in space.model.base.parameter_names]
-    if len(pairs) < len(problem.blocks) or not kept or not all((block.line == "w").any() for block in pairs):
+    blocks = [found for block in problem.blocks if (found := block.as_if_round(rotor)) is not None]
+    kept = [i for i, name in enumerate(space.base) if name in rotor.parameter_names]
+    if len(blocks) < len(problem.blocks) or not kept:
         return None
     round_space = replace(
         space,
-        model=space.model.base,
+        model=rotor,
         names=tuple(space.names[i] for i in kept),
         base=tuple(space.base[i] for i in kept),
-        template=space.template[:, : len(space.model.base.parameters)],
-        index=space.index[:, : len(space.model.base.parameters)],
+        template=space.template[:, : len(rotor.parameters)],
+        index=space.index[:, : len(rotor.parameters)],
         lower=space.lower[: len(kept)],
         upper=space.upper[: len(kept)],
         nuisance=(),
     )
-    blocks = tuple(_taken_for_round(space.model, block) for block in pairs)
     priors = tuple(prior for prior in problem.priors if prior.entry < len(kept))
-    return replace(problem, space=round_space, blocks=blocks, priors=priors, factors=())
+    return replace(problem, space=round_space, blocks=tuple(blocks), priors=priors, factors=())
 
 
 def support_starts(problem: Problem, start: Float) -> list[Float]:
     """Starts with supports that differ by a typical amount."""
     space = problem.space
     at = {kind: [i for i, base in enumerate(space.base) if base.startswith(kind)] for kind in ("dKs", "angle_s")}
-    if not isinstance(space.model, TurningOnSupports) or not at["dKs"]:
+    if space.model.line_count == 2 or not at["dKs"]:
         return [start]
     starts = []
     for sign in (1.0, -1.0):
@@ -68,22 +66,6 @@ def support_starts(problem: Problem, start: Float) -> list[Float]:
             moved[at["angle_s"]] = angle
             starts.append(moved)
     return starts
-
-
-def _taken_for_round(model: Turning, block: PairResponses) -> Responses:
-    base, n = block.base, len(model.coordinates)
-    rows = np.flatnonzero(block.line == "w")
-    lines, line = np.unique(base.line[rows], return_inverse=True)
-    return replace(
-        base,
-        model=model.base,
-        speed=base.speed[lines],
-        frequency=(base.frequency + base.speed)[lines],
-        force=base.force[lines, :n],
-        group=base.group[lines],
-        line=line.reshape(-1).astype(np.intp),
-        **{name: getattr(base, name)[rows] for name in ("coordinate", "measured", "sigma", "label", "run")},
-    )
 
 
 def line_start(problem: Problem) -> Float:

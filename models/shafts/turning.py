@@ -64,6 +64,11 @@ class TurningFrame(RotorModel):
         own = self.base.coordinates
         return tuple(Coordinate(c.plane + _suffix(line), c.axis) for line in self.lines for c in own)
 
+    def with_more_lines(self, count: int) -> TurningFrame | None:
+        """See :meth:`RotorModel.with_more_lines`."""
+        more = self.base.with_more_lines(count)
+        return None if more is None else TurningFrame(more)
+
     def probe_factors(self, p: Any) -> Sequence[Number]:
         """A probe's factor, conjugated for images."""
         own = [Complex.of(factor) for factor in self.base.probe_factors(p)]
@@ -275,8 +280,13 @@ class Turning(RotorModel):
         return TurningFrame(self)
 
     @property
+    def round_rotor(self) -> RotorModel:
+        """The model."""
+        return self.base
+
+    @property
     def line_places(self) -> dict[str, int]:
-        """Lines that can be read, by name, with their place among those of :attr:`turning`."""
+        """See :attr:`RotorModel.line_places`."""
         return {"w": 0, "2Om-w": 1}
 
     @property

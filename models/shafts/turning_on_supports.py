@@ -59,7 +59,7 @@ class TurningOnSupports(Turning):
     name: ClassVar[str] = "turning-on-supports"
 
     def __init__(self, base: Turning, at: str | Sequence[str] = (), terms: int = 4) -> None:
-        if not isinstance(base, Turning) or isinstance(base, TurningOnSupports):
+        if not base.line_places or base.line_count > 2:
             raise ValueError(f"{base.name} has no turning element; use Turning(...), or Orthotropic for supports alone")
         if any(coordinate.axis != "z" for coordinate in base.coordinates):
             raise ValueError(f"{base.name} has tilts, whose supports are not modelled in two directions")
@@ -81,6 +81,10 @@ class TurningOnSupports(Turning):
         """See :attr:`Turning.line_places`."""
         present = chain(self.terms)
         return {name: present.index(line) for name, line in LINES.items() if line in present}
+
+    def with_more_lines(self, count: int) -> TurningOnSupports:
+        """See :meth:`~rotorfit.models.model.RotorModel.with_more_lines`."""
+        return self.variant(terms=self.terms + count)
 
     def support_coupling(self, p: Any) -> Sequence[Complex]:
         """See :meth:`~rotorfit.models.model.RotorModel.support_coupling`."""

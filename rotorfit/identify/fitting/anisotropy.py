@@ -22,6 +22,8 @@ from rotorfit.base.digits import significant
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult
+from rotorfit.models import RotorModel, unstable_bands
+from rotorfit.models.motion.stability import growing_bands
 
 _FAR = 12.0
 """Standard deviations from zero beyond which Rice's distribution is a normal one."""
@@ -145,6 +147,11 @@ def _critical_table(level: float) -> tuple[Float, Float]:
     lengths = np.linspace(0.0, _FAR, 121)
     found = [float(brentq(missed, 1e-6, 20.0, args=(length,))) for length in lengths[:-1].tolist()]
     return lengths, np.array([*found, float(norm.ppf((1 + level) / 2))])
+
+
+def unstable_speeds(model: RotorModel, theta: Float, top: float) -> list[tuple[float, float]]:
+    """Ranges of speed up to ``top``, rad/s, in which a shaft that is not round runs away, or its motion grows."""
+    return (growing_bands if model.line_count > 2 else unstable_bands)(model, theta, top)
 
 
 def lines_cut_off(fit: FitResult) -> tuple[float, float]:

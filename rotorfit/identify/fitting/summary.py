@@ -18,7 +18,7 @@ from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.base.version import __version__
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.estimators.starting.start_points import EARLIER_FIT, GIVEN
-from rotorfit.identify.fitting.anisotropy import lines_cut_off
+from rotorfit.identify.fitting.anisotropy import lines_cut_off, unstable_speeds
 from rotorfit.identify.fitting.causes.table import size_of
 from rotorfit.identify.fitting.headline import (
     OVERDAMPED,
@@ -38,8 +38,7 @@ from rotorfit.identify.fitting.noise.residual_study import VERDICTS
 from rotorfit.identify.fitting.quantities import FittedParameter, Number, Quantity
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.findings import Finding, errors_in, of_the_fit
-from rotorfit.models import RotorModel, TurningOnSupports, eigenvalues, unstable_bands
-from rotorfit.models.motion.stability import growing_bands
+from rotorfit.models import RotorModel, eigenvalues
 from rotorfit.models.parameters import bare_name
 from rotorfit.models.shafts.shaft import Shaft
 from rotorfit.models.structure import block_parameters, block_symbols
@@ -365,14 +364,13 @@ def _turning_lines(fit: FitResult) -> list[str]:
     found = [f"turning anisotropy: {fit.turning_anisotropy()}"]
     theta = fit.theta()
     top = 3 * float(np.abs(eigenvalues(fit.model, theta, 0.0)).max())
-    search = growing_bands if isinstance(fit.model, TurningOnSupports) else unstable_bands
-    bands = RPM_PER_RAD_S * np.asarray(search(fit.model, theta, top)).reshape(-1, 2)
+    bands = RPM_PER_RAD_S * np.asarray(unstable_speeds(fit.model, theta, top)).reshape(-1, 2)
     shown = [f"{low:.1f} to {high:.1f} rpm" for low, high in bands.tolist()]
-    if isinstance(fit.model, TurningOnSupports):
+    if terms := fit.model.line_count // 2 - 1:
         size, share = lines_cut_off(fit)
         found.append(
             f"lines left out change those fitted by {significant(size, 1)} of the largest at most, "
-            f"{significant(share, 1)} of a standard deviation (terms={fit.model.terms})"
+            f"{significant(share, 1)} of a standard deviation (terms={terms})"
         )
     return [*found, "unstable by turning anisotropy: " + (", ".join(shown) or "at no speed, it is damped")]
 

@@ -16,7 +16,7 @@ from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses,
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.table_columns import FORCED, Layout, in_units_of
 from rotorfit.lab.observing.rows import check_finite, of_rows
-from rotorfit.models import AnisotropicShaft, RotorModel, Turning, TurningOnSupports
+from rotorfit.models import AnisotropicShaft, RotorModel
 from rotorfit.models.shafts.combination_lines import line_order
 
 
@@ -99,7 +99,7 @@ class LineTest(Experiment):
 
 def _observed(test: LineTest, model: RotorModel, group: Index) -> LineResponses | PairResponses:
     where = test.source or test.title
-    if not isinstance(model, AnisotropicShaft | Turning):
+    if not model.turns:
         raise ValueError(
             f"{where} has combination lines, which {model.name} does not have; use AnisotropicShaft, or "
             f"Turning({type(model).__name__}(...))"
@@ -110,10 +110,10 @@ def _observed(test: LineTest, model: RotorModel, group: Index) -> LineResponses 
             f"{where} has the plane {', '.join(planes)}, {model.name} has {', '.join(model.planes)}; map the name with "
             f"{type(model).__name__}(planes=({planes[0]!r},))"
         )
-    if isinstance(model, AnisotropicShaft):
+    if not model.line_places:
         for direction, line in dict.fromkeys(zip(test.direction.tolist(), test.line.tolist(), strict=True)):
             line_order(direction, line)
-    if isinstance(model, AnisotropicShaft) and model.torsion is None and (test.direction == "twist").any():
+    if isinstance(model, AnisotropicShaft) and model.torsion is None and test.reads_twist:
         raise ValueError(f"{where} has readings of the twist, the model has none; use AnisotropicShaft() with torsion")
     check_finite(test, test.speed, test.frequency, test.force, test.response)
     if not (test.sigma > 0).all():
@@ -121,7 +121,7 @@ def _observed(test: LineTest, model: RotorModel, group: Index) -> LineResponses 
     names = zip(test.run.tolist(), test.plane.tolist(), test.direction.tolist(), test.line.tolist(), strict=True)
     titles = (f"{run} / {'twist' if way == 'twist' else plane} {line}" for run, plane, way, line in names)
     rows = of_rows(model, test, titles)
-    if isinstance(model, Turning):
+    if not isinstance(model, AnisotropicShaft):
         return _pairs(model, test, group, rows["label"], rows["labels"])
     return LineResponses(
         **rows,
@@ -135,14 +135,14 @@ def _observed(test: LineTest, model: RotorModel, group: Index) -> LineResponses 
     )
 
 
-def _pairs(model: Turning, test: LineTest, group: Index, label: Index, labels: tuple[str, ...]) -> PairResponses:
+def _pairs(model: RotorModel, test: LineTest, group: Index, label: Index, labels: tuple[str, ...]) -> PairResponses:
     """Readings at w, 2 Om - w and others as responses in turning coordinates."""
     known = [f"z {name}" for name in model.line_places]
     others = sorted(
         {f"{d} {name}" for d, name in zip(test.direction.tolist(), test.line.tolist(), strict=True)} - {*known}
     )
     if others:
-        kind = "" if isinstance(model, TurningOnSupports) else " in round supports"
+        kind = "" if model.line_count > 2 else " in round supports"
         raise ValueError(
             f"{test.source or test.title} has the lines {', '.join(others)}; a rotor with a turning element{kind} has "
             f"{', '.join(known[:-1])} and {known[-1]}: select those rows"

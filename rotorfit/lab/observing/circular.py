@@ -15,7 +15,7 @@ from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.linear_force import directional, directional_noise, whirl_parts
 from rotorfit.lab.data.lines import Lines
 from rotorfit.lab.observing.rows import check_planes
-from rotorfit.models import Modal, RotorModel
+from rotorfit.models import RotorModel
 
 
 def observe(model: RotorModel, experiment: PerturbationTest, group: Index) -> Responses:
@@ -41,7 +41,7 @@ def _uncoupled(model: RotorModel, test: PerturbationTest) -> Bool:
     found = np.zeros(len(test), dtype=bool)
     if not test.linear.any():
         return found
-    if isinstance(model, Modal):  # x and y are modes each for itself; a complex gain is the phase of a mode shape
+    if model.of_modes:  # a complex gain is the phase of a mode shape
         return ~found
     typical = np.array([q.scale if q.default is None else q.default for q in model.parameters])
     for speed in np.unique(test.speed[test.linear]).tolist():

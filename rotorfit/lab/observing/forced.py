@@ -18,7 +18,7 @@ from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.weights import Influences
 from rotorfit.lab.observing.circular import first_rows, observe
 from rotorfit.lab.observing.rows import check_clearance, check_finite
-from rotorfit.models import AnisotropicShaft, RotorModel, Turning
+from rotorfit.models import AnisotropicShaft, RotorModel
 from rotorfit.models.motion.journal import journal
 
 
@@ -26,7 +26,7 @@ def forced_responses(model: RotorModel, test: PerturbationTest, group: Index) ->
     """Observations of responses to forces in the model's coordinates, with their noise."""
     if isinstance(model, AnisotropicShaft):
         return main_lines(model, observe(model, test, group))
-    if isinstance(model, Turning):
+    if model.line_places:
         raise ValueError(
             f"{test.source or 'experiment'}: a turning element shows in the images at 2 Om - w; give a LineTest with "
             "them, or fit the model without its turning element"

@@ -7,13 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Block, Responses, read_at_the_force
-from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses
-from rotorfit.estimators.blocks.small_motion import FreeVibrations
 from rotorfit.estimators.starting.force_balance import stiffness_matrices
 from rotorfit.identify.fitting.result import FitResult
-from rotorfit.models import Modal
 
 
 class ReportFigure(NamedTuple):
@@ -33,13 +29,11 @@ def _kinds(block: Block) -> Iterator[str]:
         yield "responses"
         if responses is not None and _stiffness_measured(responses):
             yield "stiffness"
-    if isinstance(block, OrbitResponses) and np.isfinite(block.eccentricity).any():
-        yield "orbits" if turning else "loads"
-    if isinstance(block, FreeVibrations) and block.model.eccentricity_dependent and (block.eccentricity > 0).any():
-        yield "impulses"
-    if isinstance(block, LineResponses | PairResponses) and block.force.any():
+    if block.shows_eccentricity:
+        yield "impulses" if responses is None else "orbits" if turning else "loads"
+    if block.forced_lines:
         yield "spectral lines"
-    if turning and responses is not None and isinstance(responses.model, Modal):
+    if turning and responses is not None and responses.model.of_modes:
         yield "modes"
         fewest = 50  # frequencies at which poles of some orders beyond those of the model can be looked for
         if np.unique(responses.frequency).size >= fewest:

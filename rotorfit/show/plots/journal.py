@@ -13,7 +13,6 @@ from rotorfit.base.significance import CHANCE_ERRORS
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.blocks.response import probe_factors
-from rotorfit.estimators.blocks.small_motion import FreeVibrations, JournalCoefficients, OffCentreResponses
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.summary import natural
@@ -108,10 +107,7 @@ def eccentricities(fit: FitResult) -> Float:
     """Eccentricities that the data have, NaN where the journal was not read."""
     found = [np.zeros(0)]
     for block in fit.problem.blocks:
-        if isinstance(block, OrbitResponses | OffCentreResponses | FreeVibrations):
-            found.append(block.measured_eccentricity(fit.thetas))
-        elif isinstance(block, JournalCoefficients):
-            found.append(block.eccentricity)
+        found.append(block.measured_eccentricity(fit.thetas))
     return np.concatenate(found)
 
 

@@ -13,10 +13,10 @@ from matplotlib.patches import Patch
 
 from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses, is_image_line
+from rotorfit.identify.fitting.anisotropy import unstable_speeds
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.kinds.line_test import LineTest
-from rotorfit.models import TurningOnSupports, eigenvalues, unstable_bands
-from rotorfit.models.motion.stability import growing_bands
+from rotorfit.models import eigenvalues
 from rotorfit.models.shafts.combination_lines import line_order
 from rotorfit.show.plots import style
 from rotorfit.show.plots.bode import broken_phase
@@ -176,7 +176,7 @@ def turning_stability(sheet: style.Sheet, fit: FitResult) -> Figure:
     ends = [float(end) for e in fit.experiments for end in (np.min(e.speed), np.max(e.speed))]
     top = 1.15 * max(1.5 * critical, *ends)
     tested = fit.speeds.tolist() or [min(ends), max(ends)]  # of a sweep
-    bands = (growing_bands if isinstance(model, TurningOnSupports) else unstable_bands)(model, theta, top)
+    bands = unstable_speeds(model, theta, top)
     edges = [speed for band in bands for speed in band]
     speeds = np.unique(np.concatenate([np.linspace(0.0, top, 600), *(v * np.linspace(0.99, 1.01, 41) for v in edges)]))
     s = eigenvalues(model, np.broadcast_to(theta, (speeds.size, theta.size)), speeds)

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.base.digits import significant
-from rotorfit.estimators.blocks.correlated import CorrelatedResponses
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.set_speeds import once_per_turn
@@ -61,7 +60,7 @@ def sweeps(fit: FitResult, sheet: Sheet) -> tuple[list[SweepCondition], list[Swe
     found: list[tuple[int, Responses, Responses | OrbitResponses]] = []
     theta = fit.thetas
     for number, (given, predicted) in enumerate(zip(fit.problem.blocks, fit.problem.predict(fit.x), strict=True)):
-        block = given.base if isinstance(given, CorrelatedResponses) else given
+        block = given.uncorrelated
         base = block.responses
         if base is None or not isinstance(block, Responses | OrbitResponses) or not base.frequency.any():
             continue

@@ -19,7 +19,7 @@ from rotorfit.identify.fitting.settings import FitOptions, FitSettings
 from rotorfit.identify.options.table import SHAFT, command_words
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.recordings.formats.files import ALWAYS_RAW
-from rotorfit.models import LAWS, MODELS, KnownStructure, Law, Orthotropic, RotorModel
+from rotorfit.models import LAWS, MODELS, Law, Orthotropic, RotorModel
 from rotorfit.show.report.html import Html, element, paragraph
 from rotorfit.show.report.material import ReportInput
 from rotorfit.show.report.parts import section, sentence
@@ -139,7 +139,7 @@ def _shown(value: Any) -> str:
 
 
 def _model_shown(model: RotorModel) -> str:
-    if isinstance(model, KnownStructure) and model.made_from:
+    if model.made_from:
         (_, path), *rest = model.made_from.items()
         return f"rf.models.KnownStructure.from_ross({', '.join([repr(path), *(f'{n}={_shown(v)}' for n, v in rest)])})"
     options = ", ".join(f"{name}={_shown(option)}" for name, option in _own_options(model).items())
@@ -166,7 +166,7 @@ def _command(material: ReportInput) -> str:
     fit, refined = _origin(material)
     settings = fit.settings
     model, supports = (fit.model.base, fit.model.at) if isinstance(fit.model, Orthotropic) else (fit.model, ())
-    shaft = dict(model.made_from) if isinstance(model, KnownStructure) else {}
+    shaft = dict(model.made_from)
     options = shaft or _own_options(model)
     calibrated = vars(settings.calibration) if settings.calibration else {}
     expressible = (

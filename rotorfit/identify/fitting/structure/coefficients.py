@@ -29,7 +29,6 @@ from rotorfit.identify.fitting.propagation import by_values_of_causes, covarianc
 from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.io.tables.result_tables import frame_csv
-from rotorfit.models import Anisotropic
 from rotorfit.models.coefficient_tables import COEFFICIENTS, force_planes, plane_force
 from rotorfit.models.shafts.angular_rates import angular_rate
 
@@ -256,7 +255,7 @@ def _condition(fit: FitResult, group: int, speed: float) -> str:
 def of_a_rig(fit: FitResult) -> bool:
     """True if a fit is of a seal or bearing alone, its rig taken out or left to the coefficients."""
     rig = fit.settings.baseline is not None or fit.settings.stator_mass_kg is not None
-    if not (fit.success and fit.speeds.size and (rig or isinstance(fit.model, Anisotropic))):
+    if not (fit.success and fit.speeds.size and (rig or (fit.model.force_alone and fit.model.shaft is None))):
         return False
     return len(force_planes(fit.model)) == 1
 

@@ -15,7 +15,7 @@ from rotorfit.base.array_types import Float
 from rotorfit.base.atomic_file import whole_file
 from rotorfit.base.digits import significant
 from rotorfit.lab.io.shafts.ross_rotor import SPEED_FROM, imported_ross, installed_ross, line_of
-from rotorfit.models import KnownStructure, RotorModel
+from rotorfit.models import RotorModel
 from rotorfit.models.coefficient_tables import force_planes, plane_force
 
 ElementKind: TypeAlias = Literal["bearing", "seal"]
@@ -105,7 +105,7 @@ def ross_elements(
     }
     forces = {plane: force for plane, force in forces.items() if force.any()}
     rotor = model.on_own_supports
-    where = {**(rotor.nodes if isinstance(rotor, KnownStructure) else {}), **(nodes or {})}
+    where = {**rotor.nodes, **(nodes or {})}
     if missing := [plane for plane in forces if plane not in where]:
         raise ValueError(
             f"nodes: say at which node of the ROSS rotor {', '.join(missing)} is, nodes={{{missing[0]!r}: 14}}"
