@@ -78,7 +78,9 @@ def sample(
     else:
         first_seed = int(np.random.SeedSequence().generate_state(1)[0]) if seed is None else seed
         random = np.random.RandomState(first_seed)
-        state = emcee.State(_start(target, centre, covariance, walkers, random), random_state=random.get_state())
+        state = emcee.State(
+            starting_places(target, centre, covariance, walkers, random), random_state=random.get_state()
+        )
     mixed = moves or mixture(target, *(_picture(memory, learned) if learned else (centre, covariance)))
     # Steps between looks at the chain (and checkpoints) at first; later a fifth of the chain's length.
     first_steps = 100
@@ -130,7 +132,7 @@ def _picture(memory: Any, learned: int) -> tuple[Float, Float]:
     return draws.mean(axis=0), np.atleast_2d(np.cov(draws.T))
 
 
-def _start(
+def starting_places(
     target: LogPosterior, centre: Float, covariance: Float, walkers: int, random: np.random.RandomState
 ) -> Float:
     """Walkers drawn from the normal approximation, those outside the bounds drawn again."""

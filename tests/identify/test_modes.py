@@ -119,6 +119,14 @@ def test_errors_of_modes_are_the_spread_of_fits_to_simulated_tests() -> None:
     assert (np.abs(ratio - 1) < 3.5 / np.sqrt(2 * 59)).all()  # standard error of a standard deviation of 60
 
 
+@pytest.mark.parametrize("zeta", [0.01, 0.0299, 0.06])
+@pytest.mark.parametrize("off", [0.0, 0.25, 0.5, 0.75])
+def test_half_power_does_not_depend_on_where_the_lines_are(zeta: float, off: float) -> None:
+    w = np.linspace(100, 1000, 120) + off * 900 / 119  # the bandwidth of the least damped is less than a step
+    size = np.abs(1 / (300.0**2 - w**2 + 2j * zeta * 300.0 * w))
+    assert half_power([(w, size)], 300.0) == pytest.approx(zeta, rel=2 * zeta**2 + 1e-6)  # by its definition
+
+
 def test_half_power_is_the_damping_ratio_of_one_mode() -> None:
     w = np.linspace(50.0, 150.0, 801)
     for zeta in (0.01, 0.03, 0.06):

@@ -55,6 +55,7 @@ if TYPE_CHECKING:
 
     from pandas import DataFrame
 
+    from rotorfit.estimators.inference.log_posterior import Noise
     from rotorfit.identify.fitting.anisotropy import TurningAnisotropy
     from rotorfit.identify.fitting.structure.coefficients import CoefficientRows, Coefficients, FrequencyRows
     from rotorfit.identify.fitting.structure.modes import Modes
@@ -65,6 +66,7 @@ if TYPE_CHECKING:
     from rotorfit.identify.uncertainty.prediction import Prediction
     from rotorfit.identify.uncertainty.profile import Profile
     from rotorfit.identify.uncertainty.stability.record import StabilityReport
+    from rotorfit.identify.uncertainty.target import LogDensity
     from rotorfit.lab.io.shafts.ross_elements import ElementKind, RossElement
 
 
@@ -774,6 +776,28 @@ class FitResult:
         )
 
     # ---- posterior, imported when asked for --------------------------------------------------------------------------
+
+    def log_posterior(self, noise: Noise | None = None) -> LogDensity:
+        """The density that :meth:`sample` draws from, for any other sampler: a function of one vector or of many.
+
+        Args:
+            noise: "marginal", levels of noise unknown and integrated out, or "fixed"; see :func:`rotorfit.sample`.
+
+        Raises:
+            ValueError: a fit that cannot be sampled, as there.
+
+        Example:
+            >>> import emcee
+            >>> density = fit.log_posterior()
+            >>> sampler = emcee.EnsembleSampler(32, len(density.names), density, vectorize=True)
+            >>> state = sampler.run_mcmc(density.walkers(32), 200)
+            >>> draws = density.values(sampler.get_chain(flat=True))  # beside causes
+            >>> draws.shape
+            (6400, 7)
+        """
+        from rotorfit.identify.uncertainty.sampling import log_posterior
+
+        return log_posterior(self, noise)
 
     def sample(self, **options: Unpack[SampleKeywords]) -> Posterior:
         """Sample the posterior with emcee; options as for :func:`rotorfit.sample`, for instance ``seed=1``.

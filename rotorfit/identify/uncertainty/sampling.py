@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -25,11 +26,11 @@ from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.structure.refine import refine as refine_fit
 from rotorfit.identify.fitting.structure.refine import structure_name
 from rotorfit.identify.uncertainty.posterior import Posterior, SampleSettings
-from rotorfit.identify.uncertainty.target import posterior_of
+from rotorfit.identify.uncertainty.target import LogDensity, log_density, posterior_of
 from rotorfit.models.shafts.angular_rates import real_number
 
 WALKERS = 128
-"""Walkers by default, enough to keep vectorised likelihoods busy; more where there are many parameters."""
+"""Walkers at most by default, enough to keep vectorised likelihoods busy; more where there are many parameters."""
 FEW_WALKERS = 32
 """The same with the matrices of a whole shaft, where many vectors at once save nothing."""
 
@@ -58,8 +59,8 @@ def sample(
         fit: result of :func:`rotorfit.fit`.
         rng: of the random numbers, a generator or its seed, which the result keeps; by default one is drawn.
         seed: the same.
-        walkers: even number of walkers, by default 128 (32 with the matrices of a whole
-            shaft) or twice the number of entries.
+        walkers: even number of walkers, by default 128 (32 with the matrices of a whole shaft, and fewer for an
+            ``ess`` that fewer give), or twice the number of entries.
         ess: effective samples to reach.
         max_steps: steps after which to stop in any case; the result then says that it is not converged.
         noise: level of the noise in each channel: "marginal" (default: unknown and integrated out, so that a channel
@@ -94,17 +95,13 @@ def sample(
         refinement = refine_fit(fit)
         fit, tried = refinement.best, ", ".join(structure_name(step.model) for step in refinement.steps)
         structure = f"structure chosen by AIC: {structure_name(fit.model)} (of: {tried}); "
-    _refuse_unsampled(fit)
+    settings = _settings(fit, noise, ess=ess, max_steps=max_steps)
     typical_steps = 400  # of a well-behaved posterior, to judge whether compiling pays
     work = max(ess, (walkers or WALKERS) * typical_steps)
-    # The level of the noise is unknown unless the loss has a scale of its own.
-    level: Noise = noise or ("marginal" if fit.settings.loss == "linear" else "fixed")
-    settings = SampleSettings(
-        noise=level, inflation=_inflation(fit, level), walkers=0, ess=ess, max_steps=max_steps, steps=0,
-        between_runs=True, causes=fit.settings.solved is not None,
-    )  # fmt: skip
     target = posterior_of(fit, settings, accelerate=accelerate, work=work)
-    count = walkers or max(FEW_WALKERS if fit.model.shaft is not None else WALKERS, 2 * target.size)
+    usual = FEW_WALKERS if fit.model.shaft is not None else WALKERS
+    enough = 2 * math.ceil(ess / 60)  # each gives 100 effective samples, or more, until its times are resolved
+    count = walkers or max(min(usual, max(16, enough)), 2 * target.size)
     centre, covariance = target.laplace(fit.x)
     try:
         paths = ensemble_sampler.sample(
@@ -141,6 +138,23 @@ def sample(
         settings=replace(settings, walkers=count, steps=paths.steps),
         sizes=sizes,
     )
+
+
+def _settings(fit: FitResult, noise: Noise | None, *, ess: float, max_steps: int) -> SampleSettings:
+    _refuse_unsampled(fit)
+    # The level of the noise is unknown unless the loss has a scale of its own.
+    level: Noise = noise or ("marginal" if fit.settings.loss == "linear" else "fixed")
+    return SampleSettings(
+        noise=level, inflation=_inflation(fit, level), walkers=0, ess=ess, max_steps=max_steps, steps=0,
+        between_runs=True, causes=fit.settings.solved is not None,
+    )  # fmt: skip
+
+
+def log_posterior(fit: FitResult, noise: Noise | None = None) -> LogDensity:
+    """See :meth:`rotorfit.FitResult.log_posterior`."""
+    if noise == "sampled":
+        raise ValueError("noise is 'sampled'; a density of the fitted values has it 'marginal' or 'fixed'")
+    return log_density(fit, _settings(fit, noise, ess=0.0, max_steps=0))
 
 
 def _refuse_unsampled(fit: FitResult) -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rotorfit.base.array_types import Float
 from rotorfit.estimators.inference.caused_posterior import CausedPosterior
 from rotorfit.estimators.inference.caused_problem import CausedProblem
+from rotorfit.estimators.inference.ensemble_sampler import starting_places
 from rotorfit.estimators.inference.log_posterior import LogPosterior
 from rotorfit.identify.fitting.causes.solution import SolvedCauses, linear_causes
 from rotorfit.identify.fitting.noise.error_bars import effect_entries
@@ -52,3 +54,60 @@ def posterior_of(
         accelerate=accelerate,
         work=work,
     )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LogDensity:
+    """Log posterior density of the fitted values, up to a constant, for any sampler.
+
+    Called with one vector ``(n,)`` it gives a number, with many ``(W, n)`` as many; minus infinity outside the bounds.
+    Unknown levels of noise are integrated out, and so are causes beside the model: vectors are less what values take
+    up of them, which :meth:`values` adds to the draws.
+
+    Attributes:
+        names: of the entries of a vector: fitted values, then nuisances such as a phase reference.
+        bounds: lowest and highest value of each entry, SI units, shape ``(n, 2)``.
+        start: where the density is highest, shape ``(n,)``.
+        covariance: of the normal approximation there, shape ``(n, n)``.
+    """
+
+    names: tuple[str, ...]
+    bounds: Float
+    start: Float
+    covariance: Float
+    density: LogPosterior
+
+    def __call__(self, vectors: Float) -> Float:
+        """Log density of one vector or of many."""
+        vectors = np.asarray(vectors, dtype=float)
+        found = self.density(vectors.reshape(-1, self.start.size))
+        return np.asarray(found.reshape(vectors.shape[:-1]))[()]
+
+    def values(self, draws: Float, seed: int = 0) -> Float:
+        """Fitted values of draws ``(W, n)``: with what they take up of causes, whose sizes are drawn at random.
+
+        Args:
+            draws: of a sampler of this density.
+            seed: of random numbers.
+        """
+        if not isinstance(self.density, CausedPosterior):
+            return draws
+        return self.density.drawn(draws, np.random.default_rng(seed))[0]
+
+    def walkers(self, count: int, seed: int = 0) -> Float:
+        """Places from which walkers may start, drawn from the normal approximation within the bounds.
+
+        Args:
+            count: of walkers.
+            seed: of random numbers.
+        """
+        rng = np.random.RandomState(seed)
+        return starting_places(self.density, self.start, self.covariance, count, rng)
+
+
+def log_density(fit: FitResult, settings: SampleSettings) -> LogDensity:
+    """See :meth:`rotorfit.FitResult.log_posterior`."""
+    found = posterior_of(fit, settings)
+    start, covariance = found.laplace(fit.x)
+    bounds = np.column_stack([found.lower, found.upper])
+    return LogDensity(names=found.names, bounds=bounds, start=start, covariance=covariance, density=found)

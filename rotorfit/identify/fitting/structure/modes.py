@@ -307,11 +307,14 @@ def half_power(curves: Sequence[tuple[Float, Float]], frequency: float) -> float
         low = np.flatnonzero(size <= level)
         before, behind = low[low < peak], low[low > peak]
         if peak not in (near[0], near[-1]) and before.size and behind.size:
-            # The level is crossed between two readings on either side.
-            one, other = int(before[-1]), int(behind[0])
-            first = np.interp(level, size[[one, one + 1]], w[[one, one + 1]])
-            last = np.interp(level, size[[other, other - 1]], w[[other, other - 1]])
-            found.append(abs(last**2 - first**2) / (4 * w[peak] ** 2))
+            # One over the power of a mode is a parabola of w^2: what is between the readings follows from it.
+            part = slice(int(before[-1]), int(behind[0]) + 1)
+            square, power = (w[part] / w[peak]) ** 2, (size[part] / size[peak]) ** 2
+            curve, slope, offset = np.polyfit(square, 1 / power, 2, w=power**1.5)  # errors of 1/power go with that
+            top = -slope / (2 * curve)
+            least = offset + slope * top / 2
+            if curve > 0 and least > 0 and top > 0:
+                found.append(np.sqrt(least / curve) / (2 * top))
     return float(np.median(found)) if found else float("nan")
 
 
