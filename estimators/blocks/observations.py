@@ -277,6 +277,7 @@ class Responses(Observed):
     imposed: bool = False  # the displacement is imposed and ``measured`` is the force
     sigma_given: bool = True  # sigma was given with all readings, not estimated from them
     beside: ComplexArray | None = None  # known dynamic stiffness that acts beside the model's, shape ``(L, n, n)``
+    beside_read: bool = False  # whether the probes of the readings measured it
     force_noise: ComplexArray | None = None  # covariance of each line's forces, of either part, shape ``(L, n, n)``
     derivative: Index | None = None  # how often each reading's sensor differentiated the motion; None is not at all
 

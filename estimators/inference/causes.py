@@ -159,7 +159,13 @@ class OfReadings(Act):
         factor = self.of_readings(motion)
         if factor is None:
             return np.zeros(motion.block.measured.size, dtype=complex)
-        return np.asarray(motion.predicted * factor)
+        plain, base = np.asarray(motion.predicted * factor), motion.linear
+        if base is None or base.beside is None or not base.beside_read or self.how == "curve":
+            return plain
+        # The same probes read the dry run: with A + dA they make kappa_dry (1 - dA/A) of it, which acts on the motion.
+        off = np.zeros_like(motion.planes)
+        off[base.line, base.coordinate] = factor
+        return plain - motion.read(np.einsum("lij,ljk,lk->li", motion.receptance, base.beside, off * motion.planes))
 
 
 # ---- the rotor -----------------------------------------------------------------------------------------------------

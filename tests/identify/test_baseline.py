@@ -188,3 +188,32 @@ def test_the_closed_form_is_of_the_fluid_alone_too() -> None:
     for name, p in fit.params.items():
         assert abs(closed.params[name].value - p.value) < 4 * p.stderr + 1e-9, name
     assert any("is taken out" in remark for remark in fit.remarks)
+
+
+def test_a_gain_of_probes_that_read_the_dry_run_too_scales_all_coefficients() -> None:
+    """They read kappa_dry / g and (kappa_dry + kappa) / g: nothing of g is told, and less noise of the dry run by a
+    greater one is no reason for it."""
+    gain = 1.04
+    wet, dry = (
+        rf.read(
+            floating_stator(
+                speeds_rpm=[rpm],
+                fluid=fluid,
+                force_noise=0.3,
+                motion_noise=0.1,
+                force_sigma=0.3,
+                sigma_um=0.1,
+                seed=seed,
+            ).assign(amplitude_um=lambda table: table["amplitude_um"] * gain)
+        )
+        for rpm, fluid, seed in ((3000.0, FLUID, 3), (0.0, None, 4))
+    )
+    fit = rf.fit(MODEL, wet, baseline=dry)
+    (row,) = [row for row in fit.causes.rows if row.name == "gain"]
+    assert row.determined == pytest.approx(0.0, abs=1e-6)
+    assert row.size < gain - 1
+    truth = {name: value / gain for name, value in FLUID(3000.0).items()}
+    noise = [(fit.params[name].value - value) / fit.params[name].noise for name, value in truth.items()]
+    assert np.sqrt(np.mean(np.square(noise))) < 1.7  # chance exceeds it once in a thousand for twelve
+    off = [(fit.params[name].value - gain * value) / fit.params[name].stderr for name, value in truth.items()]
+    assert np.abs(off).max() < 3

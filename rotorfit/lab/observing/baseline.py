@@ -88,7 +88,7 @@ def with_baseline(
     if baseline is not None:
         dry = _beside(model, base, responses, baseline)
         kappa = np.array([line.kappa for line in dry.lines])
-        base = replace(base, beside=np.einsum("ln,nij->lij", dry.share, kappa))
+        base = replace(base, beside=np.einsum("ln,nij->lij", dry.share, kappa), beside_read=True)
     return base if dry is None and base.force_noise is None else _correlated(base, responses, dry)
 
 
