@@ -18,7 +18,7 @@ def set_speeds(speed: Float, frequency: Float, run: Index, tolerance: float = SP
     if not steady.any() or np.ptp(speed[steady]) == 0:
         return speed
     found = speed.copy()
-    found[steady] = _of_runs(speed[steady], run[steady], tolerance)
+    found[steady] = _means_by_run(speed[steady], run[steady], tolerance)
     values = np.unique(found[steady])
     breaks = np.flatnonzero(np.diff(values) > tolerance * np.abs(values[1:])) + 1
     for group in np.split(values, breaks):
@@ -34,8 +34,8 @@ def once_per_turn(frequency: Float, speed: Float) -> Bool:
     return np.abs(frequency - speed) <= synchronous_tolerance * np.abs(speed)
 
 
-def _of_runs(speed: Float, run: Index, tolerance: float) -> Float:
-    """Means of the speeds of each run that are about the same."""
+def _means_by_run(speed: Float, run: Index, tolerance: float) -> Float:
+    """For each reading the mean of the speeds of its run that are about the same, itself where the speed was swept."""
     order = np.lexsort([speed, run])
     ordered = speed[order]
     # Of 50 lines that jitter by 0.3 % one is a tolerance from all others in one run of fifty.

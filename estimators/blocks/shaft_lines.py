@@ -11,6 +11,7 @@ from rotorfit.base.array_types import Bool, ComplexArray, Float, Index, Text
 from rotorfit.estimators.blocks.observations import Observed, OnResponses, Responses
 from rotorfit.models import AnisotropicShaft, RotorModel
 from rotorfit.models.shafts.combination_lines import Order, line_order
+from rotorfit.models.shafts.turning_on_supports import LINES
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -88,7 +89,7 @@ class LineResponses(Observed):
 
 def is_image_line(line: Text) -> Bool:
     """True if lines are images, whose frequency falls as w rises: ``2Om-w``, ``-w``."""
-    return np.asarray(np.char.find(line, "-w") >= 0)
+    return np.isin(line, [name for name, (_, image) in LINES.items() if image])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

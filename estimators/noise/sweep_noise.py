@@ -56,33 +56,47 @@ def estimate_noise(block: Responses, wrong: ComplexArray, synchronous: bool, con
             both.setdefault(test, []).append(rows)
     for parts in both.values():
         try:
-            for rows, level in _noise_of(block, w, wrong, parts):
+            for rows, level in _level_of_senses(block, w, wrong, parts):
                 sigma[rows] = level
         except ValueError as reason:
             raise ValueError(f"{block.labels[block.label[parts[0][0]]]}: {reason}") from reason
     return sigma
 
 
-def _noise_of(
-    block: Responses, w: Float, wrong: ComplexArray, parts: Sequence[Index]
+def _level_of_senses(
+    block: Responses, w: Float, against: ComplexArray, sweeps: Sequence[Index]
 ) -> Iterator[tuple[Index, Float | float]]:
-    """Noise of sweeps that differ in the sense of whirl: one for all where they agree."""
-    rows, sizes = np.concatenate(parts), [part.size for part in parts]
-    if np.isfinite(wrong[rows]).all() and not any(_is_smooth(wrong[part]) for part in parts):
-        pooled = noise_from_samples(wrong[rows], block.measured[rows], sizes)
-        power = np.split(np.abs(wrong[rows] / pooled) ** 2, np.cumsum(sizes)[:-1])
-        if _agree([float(np.mean(own)) for own in power], [2 * size for size in sizes]):
-            yield rows, pooled
-        else:
-            for part in parts:
-                yield part, noise_from_samples(wrong[part], block.measured[part])
-        return
-    levels = [noise_from_smoothness(w[part], block.measured[part]) for part in parts]
-    # Windows overlap, and a median is less sure than a mean: about half as many degrees of freedom as readings.
-    if _agree([level**2 for level in levels], [size // 2 for size in sizes]):
-        yield rows, float(np.sqrt(np.mean(np.square(levels))))
+    """Readings and their noise, of sweeps that differ in the sense of whirl alone: by motion against the force where it
+    is noise, else by their smoothness."""
+    together = np.concatenate(sweeps)
+    if np.isfinite(against[together]).all() and not any(_is_smooth(against[sweep]) for sweep in sweeps):
+        return _level_against_force(against, block.measured, sweeps)
+    return _level_of_smoothness(w, block.measured, sweeps)
+
+
+def _level_against_force(
+    against: ComplexArray, measured: ComplexArray, sweeps: Sequence[Index]
+) -> Iterator[tuple[Index, Float | float]]:
+    """Noise by motion against the force, one for all sweeps where they agree."""
+    together, sizes = np.concatenate(sweeps), [sweep.size for sweep in sweeps]
+    pooled = noise_from_samples(against[together], measured[together], sizes)
+    power = np.split(np.abs(against[together] / pooled) ** 2, np.cumsum(sizes)[:-1])
+    if _agree([float(np.mean(own)) for own in power], [2 * size for size in sizes]):
+        yield together, pooled
     else:
-        yield from zip(parts, levels, strict=True)
+        yield from ((sweep, noise_from_samples(against[sweep], measured[sweep])) for sweep in sweeps)
+
+
+def _level_of_smoothness(
+    w: Float, measured: ComplexArray, sweeps: Sequence[Index]
+) -> Iterator[tuple[Index, Float | float]]:
+    """Noise by the smoothness of responses over frequency, one for all sweeps where they agree."""
+    levels = [noise_from_smoothness(w[sweep], measured[sweep]) for sweep in sweeps]
+    # Windows overlap, and a median is less sure than a mean: about half as many degrees of freedom as readings.
+    if _agree([level**2 for level in levels], [sweep.size // 2 for sweep in sweeps]):
+        yield np.concatenate(sweeps), float(np.sqrt(np.mean(np.square(levels))))
+    else:
+        yield from zip(sweeps, levels, strict=True)
 
 
 def _agree(power: Sequence[float], freedom: Sequence[int]) -> bool:

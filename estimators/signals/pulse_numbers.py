@@ -149,11 +149,11 @@ def _expected(intervals: Float) -> Float:
     """Length that an interval should have by its two neighbours on both sides: the median of the five. Beyond the ends
     they are continued as those of a constant acceleration, whose speeds squared go straight with the count: the first
     turns of a start are long, not signs of missing pulses."""
-    first, last = _continued(intervals[:7])[::-1], _continued(intervals[:-8:-1])
+    first, last = _two_before(intervals[:7])[::-1], _two_before(intervals[:-8:-1])
     return np.asarray(median_filter(np.concatenate([first, intervals, last]), 5)[2:-2])
 
 
-def _continued(intervals: Float) -> Float:
+def _two_before(intervals: Float) -> Float:
     """Two intervals before the given ones, the nearer first."""
     squared = intervals**-2.0
     count = np.arange(squared.size)

@@ -214,7 +214,7 @@ def parameters_from(
     x = lumped.parameters(values, typical_values(space))
     notes: tuple[str, ...] = ()
     if np.isnan(x).any():
-        x, notes = _coupled(space, lumped, values, x)
+        x, notes = _solved_together(space, lumped, values, x)
     if information is not None:
         x = _one_step(lumped, values, information, x)
     inside = np.clip(x, space.lower[:size], space.upper[:size])
@@ -223,7 +223,7 @@ def parameters_from(
     return np.where(np.isfinite(inside), inside, np.nan), notes
 
 
-def _coupled(space: ParameterSpace, lumped: Lumped, values: Float, x: Float) -> tuple[Float, tuple[str, ...]]:
+def _solved_together(space: ParameterSpace, lumped: Lumped, values: Float, x: Float) -> tuple[Float, tuple[str, ...]]:
     """Parameters that no single coefficient gives, from all of them together; a typical value where none depends on
     one."""
     from scipy.optimize import least_squares

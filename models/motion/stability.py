@@ -39,8 +39,8 @@ class Threshold:
 
 def companion(coefficients: ComplexArray) -> tuple[ComplexArray, float]:
     """Companion matrix of the reversed polynomial in a scaled variable. Eigenvalues mu of the result give ``s = scale /
-    mu``. Reversing puts the static stiffness, not the mass matrix, in the place that is inverted: masses may be zero, a
-    rotor without stiffness is no rotor."""
+    mu``. Reversing puts the static stiffness, not the mass matrix, in the place that is inverted: masses may be zero,
+    and a static stiffness that cannot be inverted is refused."""
     order, n = coefficients.shape[-3] - 1, coefficients.shape[-1]
     size = np.abs(coefficients).max(axis=(-1, -2)).reshape(-1, order + 1).max(axis=0)
     ratios = [(size[0] / size[k]) ** (1.0 / k) for k in range(1, order + 1) if size[k] > 0]

@@ -126,7 +126,7 @@ class Page:
         view.complete()
 
     def change_model(self, asked: Callable[[], Session]) -> None:
-        """Put another model, or other options of the fit, in the place of the session's."""
+        """Give the session another model, or other options of the fit."""
         with self._lock:
             if self._changed(asked):
                 self._show_model()

@@ -143,10 +143,10 @@ class Front(Protocol):
     session: Session
 
     def change(self, asked: Callable[[], Session]) -> None:
-        """Put other data in the place of the session's, or say why not."""
+        """Give the session other data, or say why not."""
 
     def change_model(self, asked: Callable[[], Session]) -> None:
-        """Put another model, or other options of the fit, in the place of the session's."""
+        """Give the session another model, or other options of the fit."""
 
     def opened_with(self, setup: str) -> None:
         """Open the same recordings with another setup, which has just been written."""

@@ -52,19 +52,19 @@ def watch(options: argparse.Namespace) -> ExitCode:
     with ExitStack() as stack:
         made = checked(lambda: _watch(options))
         made.executor = checked(lambda: stack.enter_context(workers_of(options)))
-        return _rounds(made, options)
+        return _go_round(made, options)
 
 
-def _rounds(watch: FolderWatch, options: argparse.Namespace) -> ExitCode:
+def _go_round(watch: FolderWatch, options: argparse.Namespace) -> ExitCode:
     if options.once:
-        states = checked(lambda: _round(watch, wait=True))
+        states = checked(lambda: _take_in_and_report(watch, wait=True))
         if not options.json and not options.quiet:
             print("\n".join(state.sentence(rule) for state in states for rule in state.rules) or "no test yet")
         return ExitCode.ALARM if any(state.alarms for state in states) else ExitCode.DONE
     said = ""
     while True:
         try:
-            _round(watch)
+            _take_in_and_report(watch)
             said = ""
         except BrokenPipeError:
             raise
@@ -75,7 +75,7 @@ def _rounds(watch: FolderWatch, options: argparse.Namespace) -> ExitCode:
         time.sleep(options.every)
 
 
-def _round(watch: FolderWatch, *, wait: bool = False) -> list[MachineState]:
+def _take_in_and_report(watch: FolderWatch, *, wait: bool = False) -> list[MachineState]:
     """Look, fit, raise alarms, and write the page where something is new."""
     added = watch.look()
     if wait and watch.waiting():

@@ -108,7 +108,7 @@ def signs(orbits: Orbits) -> Iterator[Finding]:
     hit = np.flatnonzero((dissipates < 0)[drives.number(*_DRIVE)])
     if not dissipates.any():
         planes = len(orbits.groups("plane"))
-        falling = [sweep for _, sweep in drives.groups(*_SWEEP) if _falls(drives, kappa, sweep, planes)]
+        falling = [sweep for _, sweep in drives.groups(*_SWEEP) if _quadrature_falls(drives, kappa, sweep, planes)]
         hit = np.concatenate([hit, *falling])
     if hit.size:
         yield _negative_damping(drives, kappa, hit)
@@ -149,7 +149,7 @@ def _negative_damping(drives: Orbits, kappa: ComplexArray, hit: Index) -> Findin
     return Finding("error", code, f"{begin}{cause}", drives.rows_of(hit), undo=undo)
 
 
-def _falls(drives: Orbits, kappa: ComplexArray, sweep: Index, planes: int) -> bool:
+def _quadrature_falls(drives: Orbits, kappa: ComplexArray, sweep: Index, planes: int) -> bool:
     """True if quadrature falls from backward to forward in a sweep below the speed, by Spearman's correlation. One
     direction is enough if there is but one plane; else the other planes' motion turns the slope within a direction."""
     w, quadrature = drives.frequency[sweep], kappa.imag[sweep]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -66,10 +66,8 @@ def judge(
     residuals = derivatives.residuals
     goodness = _goodness(problem, settings, x, residuals, beside)
     redchi, nfree = goodness["redchi"], goodness["nfree"]
-    estimate = solved if isinstance(solved, ClosedForm) else None
-    covar, degrees, verdict, noise, errors = _standard_errors(
-        problem, settings, x, residuals, derivatives, redchi, nfree, estimate, noise, beside
-    )
+    found = _estimated_errors(settings, derivatives, redchi, nfree, solved, noise, beside)
+    covar, verdict, noise, errors = found.covar, found.identifiability, found.noise, found.beside
     causes = None
     if beside is not None and errors is not None:
         causes = SolvedCauses(
@@ -82,7 +80,7 @@ def judge(
             factor=beside.factor,
         )
     settings = replace(settings, solved=causes)
-    params = _parameters(problem.space, x, start.x, covar, degrees, verdict.unresolved, causes)
+    params = _parameters(problem.space, x, start.x, covar, found.degrees, verdict.unresolved, causes)
     plain, begin = problem, x
     if beside is not None:  # without the causes that were found
         plain, begin = shifted(problem, [-part for part in beside.shift]), beside.plain[: x.size]
@@ -229,20 +227,28 @@ def _qualities(problem: Problem, x: Float) -> tuple[ResponseQuality, ...]:
 # ---- errors ----------------------------------------------------------------------------------------------------------
 
 
-def _standard_errors(
-    problem: Problem,
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Errors:
+    """Errors of an estimate."""
+
+    covar: Float  # covariance, shape ``(p, p)``
+    degrees: tuple[float, ...]  # degrees of freedom of each entry's error
+    identifiability: Identifiability  # what the data determine
+    noise: ResidualStudy | None  # the study of the residuals with its share in the errors
+    beside: JointErrors | None  # of causes that were solved with it
+
+
+def _estimated_errors(
     settings: FitSettings,
-    x: Float,
-    residuals: ComplexArray,
     derivatives: Derivatives,
     redchi: float,
     nfree: int,
-    estimate: ClosedForm | None,
+    solved: Solution | ClosedForm,
     noise: ResidualStudy | None,
     beside: JointSearch | None,
-) -> tuple[Float, tuple[float, ...], Identifiability, ResidualStudy | None, JointErrors | None]:
-    """Covariance of an estimate, shape ``(p, p)``, widened where the model or the residuals ask for it and by causes;
-    degrees of freedom of each entry's error, what the data determine, and the study with its share in it."""
+) -> _Errors:
+    """Errors of an estimate, widened where the model or the residuals ask for it and by causes."""
+    problem, x, residuals = derivatives.problem, derivatives.x, derivatives.residuals
     space = problem.space
     names, base = (*space.names, *space.nuisance), (*space.base, *space.nuisance)
     scales, sandwich = covariance.parameter_scales(problem, x), None
@@ -255,8 +261,8 @@ def _standard_errors(
     if sandwich is not None:
         weighing = covariance.weighing_error(problem, derivatives.whole, scattered)
         scattered = scattered @ sandwich @ scattered + weighing
-    if estimate is not None:
-        scattered = np.where(np.isfinite(estimate.covar), estimate.covar, np.nan)
+    if isinstance(solved, ClosedForm):
+        scattered = np.where(np.isfinite(solved.covar), solved.covar, np.nan)
     else:
         verdict = along_valley(problem, x, scattered, scales, verdict)
     known = freedom_of(problem.blocks)
@@ -279,7 +285,7 @@ def _standard_errors(
         if noise is not None:
             noise = replace(noise, shares=(*noise.shares, errors.covariance), freedom=(*noise.freedom, math.inf))
     degrees = (freedom,) * space.size if noise is None else noise.own_degrees()
-    return covar, degrees, verdict, noise, errors
+    return _Errors(covar=covar, degrees=degrees, identifiability=verdict, noise=noise, beside=errors)
 
 
 def _parameters(

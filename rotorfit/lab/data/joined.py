@@ -14,7 +14,7 @@ from rotorfit.estimators.blocks.row_keys import distinguished, words
 from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.synchronous import join
-from rotorfit.lab.data.weights import differenced
+from rotorfit.lab.data.weights import difference_unless_solved
 
 T = TypeVar("T", bound=Experiment)
 
@@ -52,7 +52,7 @@ def join_runs(tests: Sequence[PerturbationTest], *, difference: bool = True) -> 
         attributes = {name: values for name, values in test.attributes.items() if name in shared}
         parts.append(replace(test, attributes=attributes, source=source))
     whole = join(parts)
-    return differenced(whole) if difference and whole.synchronous else whole
+    return difference_unless_solved(whole) if difference and whole.synchronous else whole
 
 
 def runs_apart(tests: Sequence[T]) -> tuple[T, ...]:

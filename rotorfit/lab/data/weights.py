@@ -201,7 +201,7 @@ def influence(test: PerturbationTest, speeds: ArrayLike | None = None) -> Influe
     )
 
 
-def differenced(test: PerturbationTest) -> PerturbationTest:
+def difference_unless_solved(test: PerturbationTest) -> PerturbationTest:
     """A synchronous test with its runs differenced (eq. 20), unless they say more when solved together. Runs that dwell
     at a few speeds are left alone where some would stay without a partner, or where a mounting was repeated:
     :func:`influence` uses them all."""

@@ -28,7 +28,7 @@ from rotorfit.lab.data.probes import (
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.selection import Wanted, selected, without
 from rotorfit.lab.data.synchronous import uneven_weights
-from rotorfit.lab.data.weights import differenced
+from rotorfit.lab.data.weights import difference_unless_solved
 from rotorfit.lab.io.other_formats import unread_suffix
 from rotorfit.lab.io.tables.cells import EXCEL
 from rotorfit.lab.io.tables.json_records import SUFFIX
@@ -162,7 +162,7 @@ def read(
     if (responses := test.perturbation) is not None:
         test = responses = _corrected(responses, *corrections.values())
         if difference and test.synchronous:
-            apart = differenced(test)
+            apart = difference_unless_solved(test)
             if apart is not test and (pairs := uneven_weights(test)):
                 words = (
                     f"{test.source}: opposite weights differ: {listed(pairs)}. If it is one weight that was turned by "

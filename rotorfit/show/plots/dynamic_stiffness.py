@@ -420,8 +420,10 @@ def _mark_whirl(
 
 
 def _unit(fit: FitResult, row: int, column: int) -> str:
-    axes = fit.model.coordinates[row].axis == "r", fit.model.coordinates[column].axis == "r"
-    return {(False, False): "N/m", (False, True): "N/rad", (True, False): "N", (True, True): "N m/rad"}[axes]
+    force_or_moment = "N m" if fit.model.coordinates[row].axis == "r" else "N"
+    if fit.model.coordinates[column].axis == "r":
+        return f"{force_or_moment}/rad"
+    return "N" if force_or_moment == "N m" else "N/m"
 
 
 def _name(fit: FitResult, row: int, column: int) -> str:

@@ -177,14 +177,14 @@ def _axis_of(vectors: OrderVectors) -> str:
 def _unwrapped(values: NDArray[Any], first: NDArray[Any]) -> Float:
     """Phase in degrees without jumps, within half a turn of the plane's first probe; NaN where there is no vector."""
 
-    def smooth(vector: NDArray[Any]) -> Float:
+    def without_jumps(vector: NDArray[Any]) -> Float:
         phase = np.full(vector.size, np.nan)
         good = np.isfinite(vector)
         phase[good] = np.degrees(np.unwrap(np.angle(vector[good])))
         return phase
 
-    phase = smooth(values)
-    off = phase - smooth(first)
+    phase = without_jumps(values)
+    off = phase - without_jumps(first)
     turns = np.round(np.median(off[np.isfinite(off)]) / 360) if np.isfinite(off).any() else 0.0
     return np.asarray(phase - 360 * turns)
 

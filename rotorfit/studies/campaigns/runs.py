@@ -244,6 +244,17 @@ class Workers:
     progress: Callable[[int, int], None] | None = None  # called with the number of runs done and the number of all
     kept: Kept | None = None  # where fits are kept as they come, and found again
 
+    def _keys(self, runs: Sequence[Run], options: Sequence[Mapping[str, Any]]) -> list[str]:
+        """Name of the fit of each run in what is kept: a digest of what makes it."""
+        model = encode(self.model)
+        found: list[str] = []
+        told, how = None, ""
+        for run, option in zip(runs, options, strict=True):
+            if option is not told:  # one for all runs, or for many that follow one another
+                told, how = option, json.dumps([RESULTS, model, encode(dict(option))], sort_keys=True)
+            found.append(hashlib.sha256(f"{how}{run.readings.content}".encode()).hexdigest())
+        return found
+
     def __call__(self, work: Work[T], runs: Sequence[Run], options: Sequence[Mapping[str, Any]]) -> list[T]:
         """``work(model, run, **option)`` for every run, in their order; fits that are kept are not made again. A batch
         whose worker was lost is not repeated for ever: see :func:`~rotorfit.base.executors.carry_out`."""
@@ -253,12 +264,7 @@ class Workers:
         found: dict[str, Any] = {}
         if kept is not None:
             work = _fit_alone  # type: ignore[assignment]
-            how = {}
-            for option in {id(one): one for one in options}.values():
-                said = [RESULTS, encode(self.model), encode(dict(option))]
-                how[id(option)] = json.dumps(said, sort_keys=True)
-            whole = (f"{how[id(option)]}{run.readings.content}" for run, option in pairs)
-            keys = [hashlib.sha256(one.encode()).hexdigest() for one in whole]
+            keys = self._keys(runs, options)
             some = 1000  # fits looked for at a time, so that few are in memory as they are stored
             for begin in range(0, len(keys), some):
                 found |= {key: _from_bytes(data) for key, data in kept.find(keys[begin : begin + some]).items()}

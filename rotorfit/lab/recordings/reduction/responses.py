@@ -24,7 +24,7 @@ from rotorfit.lab.data.findings import PHASE_DATUM, DataWarning, Finding, level_
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.selection import Wanted, selected
 from rotorfit.lab.data.synchronous import join
-from rotorfit.lab.data.weights import differenced
+from rotorfit.lab.data.weights import difference_unless_solved
 from rotorfit.lab.recordings.quality import copied_recordings, probe_findings, spoiled
 from rotorfit.lab.recordings.recording import Recording, named_apart
 from rotorfit.lab.recordings.reduction.reductions import dwelling, force_of, reduced_responses
@@ -137,7 +137,7 @@ def checked_responses(
     shared = set.intersection(*(set(each.attributes) for each, _ in reduced))
     test = join([replace(t, attributes={k: v for k, v in t.attributes.items() if k in shared}) for t, _ in reduced])
     if forces[0].reference == "shaft" and turns:
-        test = differenced(test)
+        test = difference_unless_solved(test)
     return replace(test, source=source_of(records))
 
 
