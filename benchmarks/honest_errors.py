@@ -366,7 +366,7 @@ def run(name: str, draws: int, seed: int) -> Row:
         held.append([low <= truth[n] <= high for n, (low, high) in zip(WATCHED, pairs, strict=True)])
         half.append([(high - low) / 2 / right[n] for n, (low, high) in zip(WATCHED, pairs, strict=True)])
         redchi.append(fit.redchi)
-        warned.append(bool(fit.warnings))
+        warned.append(any(one.severity != "note" for one in fit.notices))
         allowed.append(fit.noise is not None and bool(fit.noise.possible_effects))
         two_runs.append(fit.noise is not None and fit.noise.run_count == 2)
     cover, width, spread = np.mean(held, axis=0), np.mean(half, axis=0), np.std(half, axis=0) / np.sqrt(draws)

@@ -27,9 +27,9 @@ from beams import shaft
 from reporting import RESULTS, environment, table
 
 import rotorfit as rf
+from rotorfit.identify.fitting.notices import structure_error
 from rotorfit.identify.fitting.problem_setup import build_problem
 from rotorfit.identify.fitting.settings import FitSettings
-from rotorfit.identify.fitting.summary import structure_error
 from rotorfit.models import KnownStructure
 
 ELEMENTS = (30, 60, 100, 200, 300)

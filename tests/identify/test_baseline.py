@@ -187,7 +187,7 @@ def test_the_closed_form_is_of_the_fluid_alone_too() -> None:
     fit = coefficients(wet, dry)
     for name, p in fit.params.items():
         assert abs(closed.params[name].value - p.value) < 4 * p.stderr + 1e-9, name
-    assert any("is taken out" in remark for remark in fit.remarks)
+    assert any("is taken out" in finding.message for finding in fit.findings)
 
 
 def test_a_gain_of_probes_that_read_the_dry_run_too_scales_all_coefficients() -> None:

@@ -263,7 +263,7 @@ def test_a_search_that_went_astray_blames_itself_and_not_the_data(start: dict[st
     found = explained(astray)
     assert [(one.severity, one.code) for one in found] in ([], [("warning", "local-minimum")])
     if found:
-        values = {name: float(value) for name, value in re.findall(r"(\w+)=(-?[\d.e+-]+\d)", found[0].undo or "")}
+        values = {name: float(value) for name, value in re.findall(r"(\w+)=(-?[\d.e+-]+\d)", found[0].remedy or "")}
         assert values == pytest.approx({name: truth[name] for name in values}, rel=0.2)
         assert set(values) == {"M", "K0", "D", "lam", "Mf"}
         assert "The search ended in a local minimum" in summary_words(astray)

@@ -14,9 +14,9 @@ from sentences import refuses
 from synthetic import circular_test
 
 import rotorfit as rf
+from rotorfit.identify.fitting.notices import structure_error
 from rotorfit.identify.fitting.problem_setup import build_problem
 from rotorfit.identify.fitting.settings import FitSettings
-from rotorfit.identify.fitting.summary import structure_error
 from rotorfit.models import KnownStructure, WhirlWhip, eigenvalues, threshold_speed
 from rotorfit.models.motion.stability import eigenvalue_gradient, growth_rate
 from rotorfit.models.shafts.reduction import BASIS_TOLERANCE

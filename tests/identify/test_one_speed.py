@@ -10,7 +10,7 @@ from fe_rigs import K3, TYPICAL, Rig
 from plain import plain_fit
 
 import rotorfit as rf
-from rotorfit.identify.fitting.structure.refine import _warnings
+from rotorfit.identify.fitting.structure.refine import _notices
 from rotorfit.models import WhirlWhip
 
 SPEEDS = np.array([100.0])
@@ -55,6 +55,6 @@ def test_one_speed_is_blamed_where_there_is_one(speeds: tuple[float, ...], said:
     prior = SimpleNamespace(std=lambda: 1e-3)
     plain = SimpleNamespace(settings=SimpleNamespace(priors={}), noise=None)
     chosen = SimpleNamespace(settings=SimpleNamespace(priors={"g22": prior}), speeds=np.array(speeds), noise=None)
-    (words,) = _warnings(plain, chosen)  # type: ignore[arg-type]
+    (words,) = (one.message for one in _notices(plain, chosen))  # type: ignore[arg-type]
     assert ("as those at one speed" in words) == said
     assert ("tests at another speed would" in words) == said

@@ -42,7 +42,7 @@ def test_one_line_that_was_hit_is_named_and_the_remedy_is_one(name, given, kick)
     assert not any("the noise is larger" in one or "jitters" in one for one in fit.warnings)
     robust = rf.fit(model, test, known=known, loss="soft_l1")
     assert all(abs(p.value - TYPICAL[name][n]) < 5 * p.stderr for n, p in robust.params.items() if p.vary)
-    assert not robust.warnings
+    assert not robust.notices
 
 
 def test_a_line_at_the_turning_speed_is_called_so():

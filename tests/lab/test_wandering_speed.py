@@ -81,7 +81,7 @@ def test_error_bars_hold_where_the_speed_wanders(wander: Any) -> None:
                 low, high = found.interval(0.95, share="noise")
                 held[name] += low <= truth <= high
             redchi.append(fit.redchi)
-            warned += bool(fit.warnings)
+            warned += bool(fit.notices)
             assert fit.speeds.size == 3
     assert min(held.values()) >= 33
     assert 0.9 < np.mean(redchi) < 1.15  # one probe's noise is estimated from smoothness, by 5 to 10 % too small

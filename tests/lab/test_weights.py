@@ -201,7 +201,7 @@ def test_a_fit_of_weights_is_saved_and_read_again(rk4_fit: rf.FitResult, tmp_pat
     rk4_fit.save(tmp_path / "fit.json")
     again = rf.load_fit(tmp_path / "fit.json")
     assert again.interval("wn") == rk4_fit.interval("wn")
-    assert again.remarks == rk4_fit.remarks
+    assert again.findings == rk4_fit.findings
 
 
 def test_other_intervals_agree_with_those_of_the_mountings(rk4_fit: rf.FitResult) -> None:

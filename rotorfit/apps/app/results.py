@@ -42,6 +42,8 @@ def result_parts(outcome: Outcome, undo: Callable[[Finding], None]) -> list[Any]
     )
     findings: list[Any] = []
     for found in fit.findings:
+        if found.severity == "note" and found.origin != "reading":
+            continue
         findings.append(parts.markup(parts.finding_words(found)))
         if found.correction is not None or found.code == PHASE_ZEROS:  # the data can be corrected as they stand
             findings.append(parts.button("Undo this and fit again", partial(undo, found)))
@@ -50,7 +52,6 @@ def result_parts(outcome: Outcome, undo: Callable[[Finding], None]) -> list[Any]
         went,
         parts.markup(parameter_table(fit), *_notes(fit)),
         *findings,
-        *[parts.message(text, "warning") for text in fit.warnings],
         _figures(fit),
     ]
 

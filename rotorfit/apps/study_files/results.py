@@ -250,7 +250,7 @@ def outcome_values(outcome: Outcome) -> dict[str, Any]:
         "posterior": sampled,
         "unresolved": list(best.identifiability.unresolved),
         "findings": [[str(f) for f in found] for found in outcome.findings],
-        "warnings": list(best.warnings),
+        "warnings": [one.message for one in best.notices],
     }
 
 

@@ -63,9 +63,7 @@ class Outcome:
     def warnings(self) -> tuple[str, ...]:
         """The warnings of the data check and of the fit, in words."""
         sources = [test.source or test.title for test in self.experiments]
-        own = [
-            f"warning: {text}" for text in (*(one.words for one in of_the_fit(self.fit.findings)), *self.best.warnings)
-        ]
+        own = [f"warning: {one.words}" for one in (*of_the_fit(self.fit.findings), *self.best.notices)]
         return (*warnings_in(attributed(self.findings, sources)), *own)
 
     @property

@@ -126,7 +126,7 @@ def _numbers(test: Experiment, finite: Bool) -> Iterator[Finding]:
         return
     if not finite.all():
         text = f"Not finite: {(~finite).sum()} readings; remove them, test.select(...) with the rows to keep."
-        yield Finding("error", "not-finite", text, rows_of(~finite), undo="remove these rows")
+        yield Finding("error", "not-finite", text, rows_of(~finite), remedy="remove these rows")
     sigma = getattr(test, "sigma", np.array([1.0]))
     if (sigma <= 0).any():
         text = f"The noise sigma is not positive in {(sigma <= 0).sum()} rows; NaN stands for unknown noise."
@@ -139,7 +139,7 @@ def _numbers(test: Experiment, finite: Bool) -> Iterator[Finding]:
     # Runs without a weight are what others at the same few speeds are compared with: weights are solved together.
     elif not (test.synchronous and dwells(test)):
         text = f"The force is zero in {still.sum()} rows; remove them, they have no dynamic stiffness."
-        yield Finding("error", "no-force", text, rows_of(still), undo="remove these rows")
+        yield Finding("error", "no-force", text, rows_of(still), remedy="remove these rows")
 
 
 def checking(reader: Callable[P, Experiment]) -> Callable[P, Experiment]:

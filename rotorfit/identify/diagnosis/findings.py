@@ -1,4 +1,4 @@
-"""All that is found of a fit's data: what they show themselves, and what only a fit gives away.
+"""All that is found of a fit and its data: what they show themselves, and what only a fit gives away.
 
 Where the model misses the data by far, the fit is tried with each error undone, and those that explain the data are
 named: errors of what is given besides the readings (``data_errors``), filters that readings went through, and factors
@@ -44,18 +44,19 @@ from rotorfit.identify.diagnosis.trial_fits import (
     trial,
 )
 from rotorfit.identify.fitting.fit import fitted, solve
+from rotorfit.identify.fitting.notices import own_findings
 from rotorfit.identify.fitting.problem_setup import build_problem
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.experiments import PerturbationTest, perturbations
-from rotorfit.lab.data.findings import INTERNAL_PROBLEM, LOCAL_MINIMUM, Finding, attributed, errors_in
+from rotorfit.lab.data.findings import INTERNAL_PROBLEM, LOCAL_MINIMUM, Finding, attributed, errors_first, errors_in
 from rotorfit.lab.data.probes import at_common_zero
 from rotorfit.models.parameters import bare_name
 
 
 def findings_of(fit: FitResult) -> tuple[Finding, ...]:
-    """Findings about the data of a fit, errors first, and of these first the ones that explain its misfit. A diagnosis
+    """Findings about a fit and its data, errors first, and of these first the ones that explain its misfit. A diagnosis
     that fails says so and leaves the rest: the fit stands without it."""
-    found: list[Finding] = []
+    own, found = own_findings(fit), []
     try:
         found = _shown(fit)
         found = [*other_rig(fit), *explained(_as_asked(fit), {finding.code for finding in found}), *found]
@@ -65,8 +66,8 @@ def findings_of(fit: FitResult) -> tuple[Finding, ...]:
             f"{problem}). The fit stands; errors of the data that only trial fits show were not looked for. Please "
             "report it."
         )
-        found.append(Finding("warning", INTERNAL_PROBLEM, text))
-    return tuple(found)
+        found.append(Finding("warning", INTERNAL_PROBLEM, text, origin="fit"))
+    return tuple(errors_first([*own, *found]))
 
 
 def _shown(fit: FitResult) -> list[Finding]:
@@ -115,7 +116,7 @@ def other_rig(fit: FitResult) -> Iterator[Finding]:
             question = "Is the dry run of another rig, or of this one with other parts on its stator?"
         seen = f"In the test with fluid {significant(dry + added, 3)} +- {significant(error, 1)} kg move; {given}"
         if added < -least:
-            yield Finding("error", "other-rig", f"{seen}. A fluid adds mass. {question}", undo=undo)
+            yield Finding("error", "other-rig", f"{seen}. A fluid adds mass. {question}", remedy=undo)
             continue
         _, group, speed = block.condition
         inertia = [fit.model.coefficients(fit.thetas[g], float(v))[2].real for g, v in zip(group, speed, strict=True)]
@@ -125,7 +126,7 @@ def other_rig(fit: FitResult) -> Iterator[Finding]:
                 f"{seen}, and the model lacks {significant(missing, 3)} kg. {question} If it is right, leave "
                 "the fluid's mass free."
             )
-            yield Finding("error", "missing-mass", text, undo=undo)
+            yield Finding("error", "missing-mass", text, remedy=undo)
 
 
 def _mass(w: Float, kappa: ComplexArray) -> tuple[float, float]:
@@ -201,7 +202,7 @@ def _elsewhere(fit: FitResult, problem: Problem, tried: Sequence[Explanation]) -
         f"data and model have redchi {redchi}. Fit again from these (start=, --start {start}), and look at the units "
         "of forces, readings and known values if they surprise."
     )
-    return Finding("warning", LOCAL_MINIMUM, text, undo=f"start from {start}")
+    return Finding("warning", LOCAL_MINIMUM, text, remedy=f"start from {start}", origin="fit")
 
 
 def _explanations(
@@ -304,7 +305,7 @@ def _findings(tried: Sequence[Explanation]) -> list[Finding]:
             f"A trial fit shows that {one.message}. With this corrected, the misfit is {better:,.0f} times "
             f"smaller.{others} To correct it, {one.undo}."
         )
-        found.append(Finding("error", one.code, text, undo=one.undo, correction=one.correction))
+        found.append(Finding("error", one.code, text, remedy=one.undo, correction=one.correction))
     return found
 
 

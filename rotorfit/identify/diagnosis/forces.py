@@ -51,7 +51,7 @@ def force_along_axis(orbits: Orbits) -> Iterator[Finding]:
             f"circular it doubles every coefficient: give a column force_direction with {axis} in these rows."
         )
         rows = orbits.rows_of(np.flatnonzero(np.isin(orbits.run, runs)))
-        yield Finding("error", "linear-force", text, rows, undo=f"force_direction {axis}")
+        yield Finding("error", "linear-force", text, rows, remedy=f"force_direction {axis}")
 
 
 def exchanged_axes(test: PerturbationTest) -> Iterator[Finding]:
@@ -124,7 +124,7 @@ def turning_force(test: PerturbationTest) -> Iterator[Finding]:
             "rotor forward and backward at once. Leave force_direction out there, or write circular."
         )
         undo = "force_direction circular"
-        yield Finding("error", "turning-force", text, rows_of(np.isin(test.run, found)), undo=undo)
+        yield Finding("error", "turning-force", text, rows_of(np.isin(test.run, found)), remedy=undo)
 
 
 def _explains(orbits: Orbits, at: Index, modes: int) -> bool | None:

@@ -70,7 +70,7 @@ def _units(test: Experiment) -> Iterator[Finding]:
             f"{significant(fastest * RPM_PER_RAD_S, 4)} rpm. If one of the two is in Hz or rad/s, name its unit "
             "(frequency_hz, speed_hz): wrong, it falsifies every parameter, lam first of all, and a fit may not notice."
         )
-        yield Finding("warning", "frequency-unit", text, undo="frequency_hz, speed_hz")
+        yield Finding("warning", "frequency-unit", text, remedy="frequency_hz, speed_hz")
 
 
 def _frequencies(test: Experiment, influences: Influences | None) -> Iterator[Finding]:
@@ -82,7 +82,7 @@ def _frequencies(test: Experiment, influences: Influences | None) -> Iterator[Fi
             f"Near 1x: {near.sum()} readings are at once-per-turn frequency, where run-out and residual unbalance add "
             "to the response. Subtract the slow roll (slow_roll=, --slow-roll-below), or remove them."
         )
-        yield Finding("warning", "near-1x", text, rows_of(near), undo="slow_roll, drop_near_1x")
+        yield Finding("warning", "near-1x", text, rows_of(near), remedy="slow_roll, drop_near_1x")
     forward, backward = np.all(test.frequencies >= 0), np.all(test.frequencies <= 0)
     if not synchronous and not both_ways and (forward or backward):
         there, lacking = ("forward", "backward") if forward else ("backward", "forward")
@@ -153,5 +153,5 @@ def _ramps(test: PerturbationTest) -> Iterator[Finding]:
                 "beats, and run through the resonance more slowly."
             )
             late = rows[test.speed[rows] >= found.beats_from]
-            yield Finding("warning", "ramp", text, tuple(late.tolist()), undo="leave out what beats")
+            yield Finding("warning", "ramp", text, tuple(late.tolist()), remedy="leave out what beats")
             break

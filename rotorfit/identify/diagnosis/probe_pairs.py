@@ -79,7 +79,7 @@ def uneven_probes(orbits: Orbits) -> Iterator[Finding]:
                 f"frequency, as no rotor does. Half of that is in every response there. To undo it: {undo}, or leave "
                 "it out."
             )
-            yield Finding("warning", "probe-filter", text, one.rows, undo=undo)
+            yield Finding("warning", "probe-filter", text, one.rows, remedy=undo)
         else:
             uneven.append(plane)
     if uneven:
@@ -252,7 +252,7 @@ def _late(plane: str, one: _Relation) -> Finding:
         f"{early} is right, delays, {plane}.{late} = {time} s; if {late} is right, {plane}.{early} = -{time} s "
         "(of recordings delay_s of the probe in rig.toml)."
     )
-    return Finding("warning", "probe-delay", text, one.rows, undo=f"delays, {plane}.{late} = {time} s")
+    return Finding("warning", "probe-delay", text, one.rows, remedy=f"delays, {plane}.{late} = {time} s")
 
 
 def _gain(plane: str, one: _Relation) -> Finding:
@@ -279,7 +279,7 @@ def _gain(plane: str, one: _Relation) -> Finding:
     )
     like = " Amplitudes of one of them may be peak-to-peak: name their unit, amplitude_um_pp." if one.twice else ""
     text = f"{what}, as no rotor does. {effect}. Find out which probe is wrong: {undo}.{like}"
-    return Finding("warning", "peak-to-peak" if one.twice else "probe-gain", text, one.rows, undo=undo)
+    return Finding("warning", "peak-to-peak" if one.twice else "probe-gain", text, one.rows, remedy=undo)
 
 
 def _bias(share: float) -> str:
@@ -319,4 +319,4 @@ def reciprocity(orbits: Orbits) -> Iterator[Finding]:
             "plane."
         )
         undo = "name the unit of the amplitudes, or correct with gains"
-        yield Finding("warning", "reciprocity", text, orbits.rows_of(np.flatnonzero(between)), undo=undo)
+        yield Finding("warning", "reciprocity", text, orbits.rows_of(np.flatnonzero(between)), remedy=undo)

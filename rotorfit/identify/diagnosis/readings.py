@@ -62,7 +62,7 @@ def copied_readings(test: Experiment) -> Iterator[Finding]:
     again[some] = [first.setdefault(key, i) != i for i, key in enumerate(zip(*columns, strict=True))]
     if again.any():
         text = f"Copies: {again.sum()} readings repeat an earlier row to the last digit. {NO_COPIES}"
-        yield Finding("warning", "duplicate", text, rows_of(again), undo="leave the copies out")
+        yield Finding("warning", "duplicate", text, rows_of(again), remedy="leave the copies out")
     yield from copied_runs([test])[0]
 
 
@@ -92,7 +92,7 @@ def copies_finding(copies: Mapping[str, str], rows: Sequence[int] = ()) -> Findi
     """Sentences on runs that are copies of others."""
     pairs = listed([f"{run} is {original}" for run, original in copies.items()])
     text = f"Copies of runs: to the last digit {pairs}. {NO_COPIES}"
-    return Finding("warning", "duplicate", text, tuple(rows), undo="leave the copies out")
+    return Finding("warning", "duplicate", text, tuple(rows), remedy="leave the copies out")
 
 
 def run_digests(experiment: Experiment) -> dict[str, bytes]:
@@ -125,7 +125,7 @@ def unread(test: PerturbationTest) -> Iterator[Finding]:
     alone = dead[channel] & ~test.linear
     if alone.any() and not dead.all():
         text = f"Nothing but zero was read by the probe {_probes(test, np.flatnonzero(alone))}. Remove its rows."
-        yield Finding("error", "dead-probe", text, rows_of(alone), undo="remove its rows")
+        yield Finding("error", "dead-probe", text, rows_of(alone), remedy="remove its rows")
     holes: list[int] = []
     steps = _steps(channel, size, slice(_AMPLITUDES_COMPARED))
     for sweep in _sweeps(test, channel):
@@ -142,7 +142,7 @@ def unread(test: PerturbationTest) -> Iterator[Finding]:
             f"Zero: {len(holes)} readings are exactly zero where those beside them are not: cells that were empty, or "
             "lines that were not measured. Remove these rows."
         )
-        yield Finding("error", "zero", text, tuple(sorted(holes)), undo="remove these rows")
+        yield Finding("error", "zero", text, tuple(sorted(holes)), remedy="remove these rows")
 
 
 def clipped(test: PerturbationTest) -> Iterator[Finding]:
@@ -170,7 +170,7 @@ def clipped(test: PerturbationTest) -> Iterator[Finding]:
             f"last digit, {significant(size[cut].max(), 4)} m, line after line, as where a probe or an amplifier is at "
             "the end of its range. Remove these rows."
         )
-        yield Finding("error", "clipped", text, tuple(cut.tolist()), undo="remove these rows")
+        yield Finding("error", "clipped", text, tuple(cut.tolist()), remedy="remove these rows")
 
 
 def _probes(test: PerturbationTest, rows: Index) -> str:

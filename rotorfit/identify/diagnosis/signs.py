@@ -146,7 +146,7 @@ def _negative_damping(drives: Orbits, kappa: ComplexArray, hit: Index) -> Findin
             "turned round."
         )
     code, undo = ("negative-damping", None) if both else ("conjugated", "phase_lag_deg, force_phase_lag_deg")
-    return Finding("error", code, f"{begin}{cause}", drives.rows_of(hit), undo=undo)
+    return Finding("error", code, f"{begin}{cause}", drives.rows_of(hit), remedy=undo)
 
 
 def _quadrature_falls(drives: Orbits, kappa: ComplexArray, sweep: Index, planes: int) -> bool:

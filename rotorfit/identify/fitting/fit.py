@@ -26,12 +26,20 @@ from rotorfit.estimators.starting.start_points import CLOSED_FORM, EARLIER_FIT, 
 from rotorfit.estimators.starting.starts import find_start
 from rotorfit.identify.fitting.causes.calibration import Calibration
 from rotorfit.identify.fitting.causes.solution import NEGLIGIBLE, JointSearch, search, solved_before
-from rotorfit.identify.fitting.judge import explains, explains_nothing, judge, redchi_of, with_model_uncertainty
+from rotorfit.identify.fitting.judge import (
+    explains,
+    explains_nothing,
+    judge,
+    of_start,
+    redchi_of,
+    with_model_uncertainty,
+)
 from rotorfit.identify.fitting.noise.error_bars import with_noise
 from rotorfit.identify.fitting.noise.study import study_residuals
 from rotorfit.identify.fitting.problem_setup import as_tuple, build_problem, check_model, dry_run
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import FitSettings, PhaseOffsets
+from rotorfit.lab.data.findings import Finding
 from rotorfit.lab.data.joined import runs_apart
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.observing.clearance import usable
@@ -224,7 +232,7 @@ def judged(
 ) -> FitResult:
     """The result of a solved problem, solved again with the noise that its residuals show."""
     left_out = (sentence for test in experiments for sentence in usable(problem.space.model, test)[1])
-    notes = (*left_out, *start.notes)
+    notes = (*(Finding("warning", "left-out", text) for text in left_out), *of_start(start.notes))
     nothing = explains_nothing(problem, solution)
     studied = settings.loss == "linear" and _is_minimum(solution) and not nothing
     beside = None if nothing else _beside(problem, solution, settings, for_noise=studied)
@@ -306,7 +314,7 @@ def closed_form(
     # Responses to measured forces and beside a dry run are taken without what their errors have in common.
     blocks = tuple(block.without_force_errors for block in problem.blocks)
     estimate = solve_closed_form(problem.space, blocks, weighted=weighted)
-    return judge(problem, several, settings, Start(x=estimate.x, kind=CLOSED_FORM), estimate, estimate.notes)
+    return judge(problem, several, settings, Start(x=estimate.x, kind=CLOSED_FORM), estimate, of_start(estimate.notes))
 
 
 def solve_again(fit: FitResult, problem: Problem) -> FitResult:

@@ -389,7 +389,7 @@ def _checks(fit: FitResult, findings: Sequence[Finding]) -> Iterator[Check]:
         why = f"{at_most}; {VERDICTS[fit.noise.verdict]}" if fit.noise is not None and known else at_most
         yield Check(good=False, words="residuals exceed the noise", more=why)
     errors = errors_in(findings)
-    warnings = [found for found in findings if found.severity == "warning"]
+    warnings = [one for one in findings if one.severity == "warning" and one.origin in ("reading", "recording")]
     if errors:
         yield Check(good=False, words="error in the data", more=f"{len(errors)} found")
     elif warnings:

@@ -22,6 +22,7 @@ from rotorfit.models import RotorModel
 
 _HOMES = (
     "rotorfit.lab.data.experiments",
+    "rotorfit.lab.data.findings",
     "rotorfit.lab.kinds.coefficient_table",
     "rotorfit.lab.kinds.displacement_test",
     "rotorfit.lab.kinds.free_vibration",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -39,6 +39,7 @@ from rotorfit.identify.fitting.problem_setup import with_noise_of_data
 from rotorfit.identify.fitting.quantities import FittedParameter, ResponseQuality
 from rotorfit.identify.fitting.result import FitResult, noise_known_from
 from rotorfit.identify.fitting.settings import FitSettings
+from rotorfit.lab.data.findings import Finding
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.models import BLOCKS, RotorModel
 from rotorfit.models.motion.stability import growth_rate, stability_band
@@ -56,7 +57,7 @@ def judge(
     settings: FitSettings,
     start: Start,
     solved: Solution | ClosedForm,
-    notes: tuple[str, ...] = (),
+    notes: Sequence[Finding] = (),
     noise: ResidualStudy | None = None,
     beside: JointSearch | None = None,
 ) -> FitResult:
@@ -86,10 +87,10 @@ def judge(
         plain, begin = shifted(problem, [-part for part in beside.shift]), beside.plain[: x.size]
     alone = bad_lines(plain, begin, MODEL_LIMITED_REDCHI) if redchi > MODEL_LIMITED_REDCHI else None
     rescaled = bool(settings.noise_scale)
-    warnings = [*notes, *fit_warnings(problem, x, redchi, params, verdict, rescaled, noise, alone)]
-    warnings += table_of(causes).warnings
+    notices = [*notes, *fit_warnings(problem, x, redchi, params, verdict, rescaled, noise, alone)]
+    notices += [_warning("cause-size", text) for text in table_of(causes).warnings]
     if redchi <= max(largest_redchi(noise, nfree, noise_known_from(problem)), MODEL_LIMITED_REDCHI):
-        warnings += impossible(plain, begin, params)
+        notices += [_warning("impossible-value", text) for text in impossible(plain, begin, params)]
     success, method, message, evaluations = True, "closed form", "closed form, no iteration", 0
     if isinstance(solved, Solution):
         # A minimum along a whole line is one: the identifiability verdict names the line.
@@ -99,7 +100,8 @@ def judge(
             success, message = False, _NOTHING
     if not success:  # where a search stalled the curvature tells nothing of the error
         params = {n: replace(p, stderr=np.nan) if p.vary else p for n, p in params.items()}
-        warnings.insert(0, f"the optimisation did not converge, so no standard errors are given: {message}")
+        text = f"the optimisation did not converge, so no standard errors are given: {message}"
+        notices.insert(0, _warning("not-converged", text))
     return FitResult(
         model=problem.space.model,
         experiments=experiments,
@@ -117,7 +119,7 @@ def judge(
         perhaps_local=start.perhaps_local,
         nfev=evaluations,
         identifiability=verdict,
-        warnings=tuple(warnings),
+        notices=tuple(notices),
         noise=noise,
     )
 
@@ -337,6 +339,16 @@ def _parameters(
 # ---- sentences worth reading -----------------------------------------------------------------------------------------
 
 
+def _warning(code: str, text: str) -> Finding:
+    """A warning of the fit itself."""
+    return Finding("warning", code, text, origin="fit")
+
+
+def of_start(notes: Iterable[str]) -> list[Finding]:
+    """What had to be assumed where the search began, or is in doubt of it, as warnings."""
+    return [_warning("start", note) for note in notes]
+
+
 EXACT_REDCHI = 1e-4  # redchi below which the data are exact, and their noise the floor that keeps weights finite
 
 _FILTERED = (
@@ -354,11 +366,27 @@ def fit_warnings(
     rescaled: bool,
     noise: ResidualStudy | None,
     alone: BadLines | None,
-) -> list[str]:
+) -> Iterator[Finding]:
     """Warnings for a reader of the result; ``alone``: lines that alone miss it."""
     if alone is not None:
-        return [alone.sentence(redchi), *_of_values(problem, x, params, identifiability)]
-    found = [] if noise is None else noise.warnings(redchi, _of_scatter(problem, x, params))
+        yield _warning("bad-lines", alone.sentence(redchi))
+    else:
+        yield from _of_residuals(problem, x, redchi, params, identifiability, rescaled, noise)
+    yield from _of_values(problem, x, params, identifiability)
+
+
+def _of_residuals(
+    problem: Problem,
+    x: Float,
+    redchi: float,
+    params: Mapping[str, FittedParameter],
+    identifiability: Identifiability,
+    rescaled: bool,
+    noise: ResidualStudy | None,
+) -> Iterator[Finding]:
+    """Warnings of residuals that are not the noise as expected."""
+    if noise is not None:
+        yield from noise.warnings(redchi, _of_scatter(problem, x, params))
     advice = _advice(problem, identifiability, rescaled)
     nfree = problem.n_data - problem.space.size
     misfit = covariance.widening(redchi, problem.loss, nfree=nfree, freedom=freedom_of(problem.blocks))
@@ -366,29 +394,31 @@ def fit_warnings(
         where = f". It misses most: {', '.join(noise.places)}" if noise is not None and noise.places else ""
         wider = "the residuals of each response" if rescaled else significant(np.sqrt(redchi), 2)
         other = f". {_FILTERED}" if noise is not None and noise.perhaps_filtered else ""
-        found.append(
+        text = (
             f"redchi is {significant(redchi, 3)}: the model, not the noise, limits this fit. Standard errors are "
             f"widened by {wider}, but parameters may be biased beyond them; {advice}{where}{other}"
         )
+        yield _warning("misfit", text)
     if noise is not None and noise.odd_run and redchi > MODEL_LIMITED_REDCHI:
-        found.append(noise.odd_run)
+        yield _warning("odd-run", noise.odd_run)
     quiet_deviations = 6.0  # standard deviations of redchi below one at which the noise is too large for the residuals
     quiet_redchi = 0.5  # redchi below which errors are wider than they need be by more than is worth knowing
     if EXACT_REDCHI < redchi < min(quiet_redchi, 1 - quiet_deviations * np.sqrt(2 / max(nfree, 1))):
-        found.append(
+        text = (
             f"redchi is {significant(redchi, 2)}: the noise is overestimated, and standard errors are about "
             f"{significant(1 / np.sqrt(redchi), 2)} times too wide. Give the noise of the readings (sigma_um), "
             "or more lines"
         )
+        yield _warning("noise-overestimated", text)
     if problem.loss != "linear":
         # the median of |r|^2 is 2 ln 2 for noise alone, and hardly moves for a few outliers
         typical = float(np.median(np.abs(problem.residuals(x)) ** 2)) / (2 * np.log(2))
         if typical > MODEL_LIMITED_REDCHI:
-            found.append(
+            text = (
                 f"the squared residuals of most readings are {significant(typical, 2)} times those of the noise: not "
                 f"outliers but the model limits this fit, and parameters may be biased; {advice}"
             )
-    return found + _of_values(problem, x, params, identifiability)
+            yield _warning("misfit", text)
 
 
 def _of_scatter(problem: Problem, x: Float, params: Mapping[str, FittedParameter]) -> str:
@@ -404,21 +434,22 @@ def _of_scatter(problem: Problem, x: Float, params: Mapping[str, FittedParameter
 
 def _of_values(
     problem: Problem, x: Float, params: Mapping[str, FittedParameter], identifiability: Identifiability
-) -> list[str]:
+) -> Iterator[Finding]:
     """Warnings of values that rest on bounds, that these lines cannot tell, and of speeds without stability."""
-    found = [
-        f"{p.name} rests on its bound at {p.value:.6g}{'' if p.unit == '1' else ' ' + p.unit}"
-        for p in params.values()
-        if p.at_bound
-    ]
+    for p in params.values():
+        if p.at_bound:
+            unit = "" if p.unit == "1" else f" {p.unit}"
+            yield _warning("at-bound", f"{p.name} rests on its bound at {p.value:.6g}{unit}")
     lines = frozenset[str]().union(*(block.shaft_lines for block in problem.blocks))
     if lines == {"w"} and identifiability.unresolved:
         left = ", ".join(identifiability.unresolved)
-        found.append(
+        text = (
             f"these data hold the motion at w alone, which leaves {left} open: a shaft of unequal stiffness shows in "
             "the image at 2x - w and in its twist. Of recordings rf.shaft_lines reads these lines, not rf.responses"
         )
-    return found + _instability(problem, x, identifiability.unresolved)
+        yield _warning("one-line", text)
+    for text in _instability(problem, x, identifiability.unresolved):
+        yield _warning("unstable", text)
 
 
 def _advice(problem: Problem, identifiability: Identifiability, rescaled: bool) -> str:

@@ -97,11 +97,11 @@ class FitResult:
             forms; "random starts": the same from many typical rotors, where there is no closed form; "rational fit":
             poles and residues (``Modal``); "spectral lines": linear least squares, line after line; "given": all were;
             "earlier fit": the optimum of the fit that this one varies.
-        perhaps_local: True if another minimum may be as deep or deeper; one of ``warnings`` says why.
+        perhaps_local: True if another minimum may be as deep or deeper; one of :attr:`warnings` says why.
         success, message, nfev: how the optimisation ended.
         responses: agreement response by response.
         identifiability: what the data determine.
-        warnings: sentences worth reading.
+        notices: what the fit itself was found to lack, as :attr:`findings` has it too.
         noise: what the residuals are, and what the error bars rest on; ``None`` where that was not looked into (closed
             forms, robust losses, other tests than sweeps).
         model_uncertainty: share of ``covar`` by the choice among candidate models, shape ``(n, n)`` for the fitted
@@ -128,7 +128,7 @@ class FitResult:
     nfev: int
     responses: tuple[ResponseQuality, ...]
     identifiability: Identifiability
-    warnings: tuple[str, ...]
+    notices: tuple[Finding, ...]
     noise: ResidualStudy | None = None
     model_uncertainty: Float | None = None
     start: str
@@ -157,22 +157,35 @@ class FitResult:
             f"{self.message}>"
         )
 
-    # ---- what is wrong with the data, imported when asked for -----------------------------------------------------
+    # ---- what is wrong with the fit and its data, imported when asked for ------------------------------------------
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
-        """Findings about the data, errors first: by :func:`rotorfit.check`, and by what the fit misses.
+        """All that is worth knowing of the fit and its data, errors first; each names its origin.
+
+        What :func:`rotorfit.check` finds of the data, what the fit, its noise and its model ask a reader to know, and
+        what explains a misfit.
 
         Where the model misses the data by far, trial fits look for an error of the data that explains it: an unbalance
         given as a constant force, exchanged speeds or planes, turned probes, filters, wrong units.
 
         Example:
-            >>> fit.findings
-            ()
+            >>> [finding.code for finding in fit.findings if finding.severity != "note"]
+            []
         """
         from rotorfit.identify.diagnosis.findings import findings_of
 
         return findings_of(self)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The sentences of those findings that are errors or warnings.
+
+        Example:
+            >>> fit.warnings
+            ()
+        """
+        return tuple(dict.fromkeys(one.words for one in self.findings if one.severity != "note"))
 
     # ---- derived quantities ------------------------------------------------------------------------------------
 
@@ -243,11 +256,6 @@ class FitResult:
             True
         """
         return table_of(self.settings.solved)
-
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """Sentences on the data's errors: how far mountings and repeats scatter."""
-        return tuple(dict.fromkeys(remark for block in self.problem.blocks for remark in block.remarks))
 
     @property
     def band(self) -> float:

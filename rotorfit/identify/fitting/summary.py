@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from html import escape
 from operator import add, mul, sub, truediv
 from typing import TYPE_CHECKING
@@ -35,12 +34,12 @@ from rotorfit.identify.fitting.headline import (
 )
 from rotorfit.identify.fitting.noise.record import NoiseVerdict, is_run_effect
 from rotorfit.identify.fitting.noise.residual_study import VERDICTS
+from rotorfit.identify.fitting.notices import own_findings
 from rotorfit.identify.fitting.quantities import FittedParameter, Number, Quantity
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.findings import Finding, errors_in, of_the_fit
 from rotorfit.models import RotorModel, eigenvalues
 from rotorfit.models.parameters import bare_name
-from rotorfit.models.shafts.shaft import Shaft
 from rotorfit.models.structure import block_parameters, block_symbols
 
 if TYPE_CHECKING:
@@ -149,10 +148,10 @@ def fit_table(fit: FitResult, findings: Sequence[Finding] | None = None) -> str:
     below += _stability_lines(fit) if fit.success else ["threshold speed: not given, because the fit did not converge"]
     below += interval_lines(fit)
     below += _cause_lines(fit)
-    below += [f"errors: {remark}" for remark in fit.remarks]
     below += [f"start: {start_words(fit)}"] if fit.nfev else []
-    below += [f"note: {caveat}" for caveat in caveats_of(fit)]
-    below += [f"warning: {message}" for message in fit.warnings]
+    own = [one for one in own_findings(fit) if one.origin != "noise" or one.severity != "note"]
+    below += [f"note: {one.message}" for one in own if one.severity == "note"]
+    below += [f"warning: {one.message}" for one in own if one.severity != "note"]
     corrections = _parameter_lines(fit, folded=True)
     parts = [
         _head(head),
@@ -203,7 +202,7 @@ def _mode_lines(fit: FitResult) -> list[str]:
 def _cause_lines(fit: FitResult) -> list[str]:
     """Causes that the data show, and those on trust that the errors mostly rest on."""
     rows = fit.causes
-    lines = [f"note: {words}" for words in rows.notes]
+    lines: list[str] = []
     shares: dict[str, list[str]] = {}
     for p in fit.params.values():
         if p.vary and p.error is not None and p.error.trust > p.error.noise:
@@ -241,8 +240,8 @@ def _noise_lines(fit: FitResult) -> list[str]:
     words = f"NOISE    {VERDICTS[noise.verdict]} (neighbouring lines correlate by {noise.correlation:+.2f})"
     lines = _wrapped(words, " " * 9)
     lines += _levels(noise)
-    for sentence in noise.sentences:
-        lines += _wrapped(f"  - {sentence}", "    ") if sentence not in fit.warnings else []
+    for note in noise.notes:
+        lines += _wrapped(f"  - {note.message}", "    ")
     if noise.effects and fit.success and np.unique(fit.problem.run).size > 2:  # beside the random effect
         left_out = fit.jackknife()
         names = [name for name in fit.problem.space.names if fit.params[name].resolved]
@@ -415,66 +414,3 @@ def fit_html(fit: FitResult) -> str:
     first, text = fit_head(fit), fit.summary()
     rest = text.removeprefix(first).replace("\n".join(_parameter_lines(fit)), "", 1)
     return f"{text_html(first)}{table}{text_html(rest.strip(chr(10)))}"
-
-
-# ---- caveats ---------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, kw_only=True)
-class StructureError:
-    """Reduction of a known structure in a fit."""
-
-    coordinates: int  # of the structure
-    kept: int  # of the reduced structures, the largest
-    estimate: float
-    over_noise: float
-    checked: int  # these lines
-
-    def __str__(self) -> str:
-        return (
-            f"the structure's {self.coordinates} coordinates were reduced to {self.kept}; estimated error of the "
-            f"stiffness at the planes {self.estimate:.1e} of it; against exact condensation, predictions at "
-            f"{self.checked} lines change by at most {self.over_noise:.1e} of the noise"
-        )
-
-
-def caveats_of(fit: FitResult) -> list[str]:
-    """Sentences that belong beside the numbers of a fit: those of its model, and the error of a reduced structure."""
-    tilts = [k for k, coordinate in enumerate(fit.model.coordinates) if coordinate.axis == "r"]
-    read = any(np.isin(base.coordinate, tilts).any() for base in fit.problem.responses)
-    caveats, reduced = [*fit.model.caveats, *(() if read else fit.model.caveats_without_tilts)], structure_error(fit)
-    return [*caveats, str(reduced)] if reduced else caveats
-
-
-def structure_error(fit: FitResult) -> StructureError | None:
-    """Error of the reduced structure in a fit; None where there is no structure, or none was reduced."""
-    model = fit.model
-    while hasattr(model, "base"):  # the same structure on other supports, or on a shaft that is not round
-        model = model.base
-    shaft = model.shaft
-    if not isinstance(shaft, Shaft) or not shaft.parts:
-        return None
-    worst, checked, theta = 0.0, 0, fit.thetas
-    lines = 8  # lines of each experiment: few enough to be condensed exactly
-    for block in fit.problem.blocks:
-        base = block.responses
-        if base is None:
-            continue
-        some = np.unique(np.linspace(0, base.frequency.size - 1, lines).astype(int))
-        keep = np.zeros(base.frequency.size, dtype=bool)
-        keep[some] = True
-        rows, few = keep[base.line], block.lines(keep)
-        if few is None:
-            continue
-        change = block.predict(theta)[rows] - few.predict(theta)
-        worst, checked = max(worst, float(np.abs(change / base.sigma[rows]).max())), checked + some.size
-    used = shaft.reductions
-    if not used:
-        return None
-    return StructureError(
-        coordinates=shaft.terms.size,
-        kept=max(r.size for r in used),
-        estimate=max(r.error for r in used),
-        over_noise=worst,
-        checked=checked,
-    )

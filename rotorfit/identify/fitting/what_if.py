@@ -58,7 +58,7 @@ def what_if(fit: FitResult, values: Mapping[str, float | Number]) -> FitResult:
         noise=fit.noise and replace(fit.noise, shares=tuple(turned @ share @ turned.T for share in fit.noise.shares)),
         model_uncertainty=_of_parameters(fit.model_uncertainty, turned),
         message=f"what if {words}",
-        warnings=(),
+        notices=(),
     )
     vars(found)["findings"] = ()  # nothing was measured on this rotor
     return found

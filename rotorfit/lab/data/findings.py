@@ -1,4 +1,4 @@
-"""Findings about data, and the warning that carries them where data are read."""
+"""Findings about data and fits, and the warning that carries them where data are read."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class DataWarning(UserWarning):
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is wrong, odd or worth knowing about data.
+    """One thing that is wrong, odd or worth knowing about data or what was worked out of them.
 
     Attributes:
         severity: ``error`` spoils every fit, ``warning`` spoils some or is likely an error, ``note`` is good to know.
@@ -30,8 +30,9 @@ class Finding:
         message: what, where and what to do.
         rows: rows of the experiment concerned, for ``select``; empty if it is about the test as a whole.
         lines: lines of the file that these rows stand in, where they are known.
-        undo: what undoes it, in a phrase, where that is known.
+        remedy: what mends it, in a phrase, where that is known.
         source: the data concerned, where there are several sets.
+        origin: what it is about: the data as they were read, a recording, the fit, its noise, or the model.
         correction: name under which a study undoes it, ``--undo NAME``, where the data can be corrected as they stand.
     """
 
@@ -40,8 +41,9 @@ class Finding:
     message: str
     rows: tuple[int, ...] = field(default=(), repr=False)  # may be all rows of a test
     lines: tuple[int, ...] = field(default=(), repr=False)
-    undo: str | None = None
+    remedy: str | None = None
     source: str = ""
+    origin: Literal["reading", "recording", "fit", "noise", "model"] = "reading"
     correction: str | None = None
 
     @property

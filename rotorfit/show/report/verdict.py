@@ -10,9 +10,9 @@ import numpy as np
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.fitting.noise.record import NoiseVerdict
 from rotorfit.identify.fitting.noise.residual_study import MODEL_LIMITED_REDCHI, VERDICTS
+from rotorfit.identify.fitting.notices import own_findings
 from rotorfit.identify.fitting.quantities import Number, Quantity
 from rotorfit.identify.fitting.result import FitResult
-from rotorfit.identify.fitting.summary import caveats_of
 from rotorfit.lab.data.findings import Finding, attributed, errors_in
 from rotorfit.models.motion.stability import growth_rate
 from rotorfit.models.parameters import bare_name
@@ -33,16 +33,17 @@ def verdict_section(material: ReportInput) -> Html:
     warnings = [f"error in the data: {words}" for words in errors]
     of_data = [found.words for found in _of_data(material) if found.severity == "warning"]
     warnings += dict.fromkeys(f"warning of the data: {words}" for words in of_data)
-    warnings += fit.warnings
+    own = own_findings(fit)
+    warnings += [one.message for one in own if one.severity != "note"]
     if fit.identifiability.unresolved:
         warnings.append("not determined by these data: " + ", ".join(fit.identifiability.unresolved))
     if material.posterior is not None and not material.posterior.converged:
         warnings.append(f"posterior: {material.posterior.message}")
     if warnings:
         content.append(bullets((parts.sentence(w) for w in warnings), class_="warnings"))
-    caveats = [*caveats_of(fit), *fit.causes.notes]
-    if caveats:
-        content.append(bullets((parts.sentence(c) for c in caveats), class_="note"))
+    notes = [one.message for one in own if one.severity == "note" and one.origin in ("fit", "model")]
+    if notes:
+        content.append(bullets(map(parts.sentence, notes), class_="note"))
     return parts.section("Verdict", *content)
 
 

@@ -32,6 +32,7 @@ from rotorfit.identify.fitting.problem_setup import as_tuple
 from rotorfit.identify.fitting.quantities import FittedParameter, Quantity, Source
 from rotorfit.identify.fitting.settings import FitSettings
 from rotorfit.lab.data.content import content_hash
+from rotorfit.lab.data.findings import Finding
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.models import RotorModel
 
@@ -100,7 +101,7 @@ class RunFit:
     nfev: int = 0
     success: bool = False  # whether the fit converged
     message: str = ""  # how it ended, or why there is none
-    warnings: tuple[str, ...] = ()  # what there is to say about it
+    findings: tuple[Finding, ...] = ()  # what there is to say about it
     # whether no motion at all would explain the readings as well as the fit does: a dead probe or force
     silent: bool = False
     # what the fit found of the noise and took the readings with, where that is not the noise of the data
@@ -220,7 +221,7 @@ def fit_run(model: RotorModel, run: Run, *, settings: FitSettings, start: Mappin
         nfev=found.nfev,
         success=found.success,
         message=found.message,
-        warnings=found.warnings,
+        findings=found.notices,
         silent=still - missed < fall_by_chance * max(1.0, found.redchi) * max(found.nvarys, 1),
         noise=found.settings.noise,
     )

@@ -113,14 +113,9 @@ class Causes(Printed):
 
     @property
     def found(self) -> tuple[CauseRow, ...]:
-        """Those that the data show, the clearest first."""
+        """Those that the data show, the clearest first; they are in the estimate and in its error already."""
         found = () if self.unexplained else (row for row in self.rows if row.found)
         return tuple(sorted(found, key=lambda row: -abs(row.score)))
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Those that the data show, in words; they are in the estimate and in its error already."""
-        return tuple(f"the data show {row.words}; {row.way_out}" for row in self.found)
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +13,7 @@ from rotorfit.base.significance import P_WARNING
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.noise.run_effects import FEWEST_RUNS
 from rotorfit.identify.fitting.noise.record import RUN_KINDS, FoundNoise, Miss, NoiseVerdict, ResponseNoise, RunEffect
+from rotorfit.lab.data.findings import Finding
 
 MODEL_LIMITED_REDCHI = 2.0
 """redchi above which a result that has nothing else to go by says that the model, not the noise, limits the fit."""
@@ -82,7 +83,7 @@ class ResidualStudy:
     @property
     def sentences(self) -> tuple[str, ...]:
         """Fixed causes, differences of runs and uneven scatter in words."""
-        return (*sentences(self.effects, self.possible_effects, self.run_count, robust=self.robust),)
+        return (*self.notable, *(note.message for note in self.notes))
 
     @property
     def notable(self) -> tuple[str, ...]:
@@ -99,11 +100,27 @@ class ResidualStudy:
         """``run_left_out`` in words; empty where there is none."""
         return "" if self.run_left_out is None else odd_run(*self.run_left_out)
 
-    def warnings(self, redchi: float, cause: str) -> list[str]:
+    def warnings(self, redchi: float, cause: str) -> Iterator[Finding]:
         """Warnings about the noise of a fit with such a redchi, by the noise of the data; ``cause``: what readings may
         scatter for."""
+        for text in self.notable:
+            yield Finding("warning", "runs-differ", text, origin="noise")
         large = redchi > MODEL_LIMITED_REDCHI
-        return [*self.notable, *verdict_warning(self.verdict, redchi, self.correlation, cause, large=large)]
+        for text in verdict_warning(self.verdict, redchi, self.correlation, cause, large=large):
+            yield Finding("warning", f"noise-{self.verdict.value}", text, origin="noise")
+
+    @property
+    def notes(self) -> Iterator[Finding]:
+        """What else is worth knowing of differences of runs, and of residuals that scatter unevenly."""
+        possible = self.possible_effects
+        if possible:
+            sizes = " or ".join(f"in {_kind(effect)} by {_amount(effect, effect.sd)}" for effect in possible)
+            runs = f"the {len(possible[0].runs)} runs may differ {sizes} (standard deviation), or by chance alone"
+            yield Finding("note", "runs-may-differ", f"{runs}; standard errors allow for it", origin="noise")
+        if self.run_count == 2:
+            yield Finding("note", "two-runs", _TWO_RUNS, origin="noise")
+        if self.robust:
+            yield Finding("note", "uneven-scatter", _SCATTER, origin="noise")
 
     def __str__(self) -> str:
         return "; ".join([VERDICTS[self.verdict], *self.sentences])
@@ -163,18 +180,6 @@ _TWO_RUNS = (
 )
 
 _SCATTER = "the residuals scatter unevenly between readings; standard errors follow them (HC3)"
-
-
-def sentences(
-    effects: Sequence[RunEffect], possible: Sequence[RunEffect], run_count: int, *, robust: bool
-) -> tuple[str, ...]:
-    """All that is worth saying of differences of runs, and of residuals that scatter unevenly."""
-    words = [*differences(effects)]
-    if possible:
-        sizes = " or ".join(f"in {_kind(effect)} by {_amount(effect, effect.sd)}" for effect in possible)
-        runs = f"the {len(possible[0].runs)} runs may differ {sizes} (standard deviation), or by chance alone"
-        words.append(f"{runs}; standard errors allow for it")
-    return (*words, *[_TWO_RUNS] * (run_count == 2), *[_SCATTER] * robust)
 
 
 def differences(effects: Sequence[RunEffect]) -> tuple[str, ...]:

@@ -24,6 +24,7 @@ from rotorfit.identify.fitting.noise.study import NOISE_LIKE_REDCHI
 from rotorfit.identify.fitting.problem_setup import with_noise_scale
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import Onset
+from rotorfit.lab.data.findings import Finding
 from rotorfit.models import BLOCKS, RotorModel, threshold_speed
 from rotorfit.models.parameters import bare_name
 from rotorfit.models.structure import block_parameters, block_symbols, check_blocks
@@ -130,8 +131,8 @@ def refine(fit: FitResult) -> Refinement:
             whirl = threshold_speed(mine.model, mine.thetas[group])
             ratio = math.nan if whirl is None else whirl.whirl_ratio
             onsets.append(Onset(speed=onset.value, stderr=onset.stderr, difference=apart, whirl_ratio=ratio))
-    warnings = (*chosen.warnings, *_probes_off(fit, chosen, steps), *_warnings(fit, chosen))
-    chosen = replace(chosen, settings=replace(chosen.settings, onsets=tuple(onsets)), warnings=warnings)
+    notices = (*chosen.notices, *_probes_off(fit, chosen, steps), *_notices(fit, chosen))
+    chosen = replace(chosen, settings=replace(chosen.settings, onsets=tuple(onsets)), notices=notices)
     return Refinement(tuple(steps), chosen)
 
 
@@ -213,7 +214,7 @@ def _hidden(step: FitResult) -> dict[str, Any]:
     return {p.name: norm(0.0, prior_deviations * max(sizes)) for p in own if not p.resolved}
 
 
-def _probes_off(plain: FitResult, chosen: FitResult, steps: Sequence[FitResult]) -> Iterator[str]:
+def _probes_off(plain: FitResult, chosen: FitResult, steps: Sequence[FitResult]) -> Iterator[Finding]:
     """Factors of probes that explain what the plain model misses, and those that do so as well."""
     before = freed_factors(plain)
     new = {plane: factor for plane, factor in freed_factors(chosen).items() if plane not in before}
@@ -224,13 +225,14 @@ def _probes_off(plain: FitResult, chosen: FitResult, steps: Sequence[FitResult])
     for plane, factor in new.items():
         p = chosen.params[factor]
         beside = f", or that at {' or '.join(others)} as much the other way" if others else ""
-        yield (
+        text = (
             f"the probe at {plane} reads {plus_minus(p.value, p.stderr)} of the motion ({factor}){beside}: that "
             "explains what the plain model missed. Factors of probes were tried before blocks of the structure"
         )
+        yield Finding("warning", "probe-factor", text, origin="fit")
 
 
-def _warnings(plain: FitResult, chosen: FitResult) -> Iterator[str]:
+def _notices(plain: FitResult, chosen: FitResult) -> Iterator[Finding]:
     """Parameters that were taken to be about zero because the data do not determine them; and the odd run before,
     where no candidate explains the data: blocks taken in to follow it hide it."""
     names = sorted(set(chosen.settings.priors) - set(plain.settings.priors))
@@ -239,15 +241,16 @@ def _warnings(plain: FitResult, chosen: FitResult) -> Iterator[str]:
         data, more = "these data", "tests at speeds further apart would"
         if chosen.speeds.size == 1:
             data, more = "these data, as those at one speed,", "tests at another speed would"
-        yield (
+        text = (
             f"{data} cannot separate {', '.join(names)} from the fluid's inertia: taken to be 0 +- "
             f"{significant(size, 2)} kg, which the errors of K0, Mf and the threshold speed include; {more} separate "
             "them"
         )
+        yield Finding("warning", "not-separated", text, origin="fit")
     odd = "" if plain.noise is None else plain.noise.odd_run
     said = chosen.noise is not None and bool(chosen.noise.odd_run) and chosen.redchi > MODEL_LIMITED_REDCHI
     if odd and chosen.model_limited and not said:
-        yield f"before refinement, {odd}"
+        yield Finding("warning", "odd-run", f"before refinement, {odd}", origin="fit")
 
 
 def _model_uncertainty(best: FitResult, steps: Sequence[FitResult]) -> Float:

@@ -1,0 +1,87 @@
+"""What a fit asks a reader to know beside its numbers: of itself, its noise, its causes and its model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from rotorfit.identify.fitting.result import FitResult
+from rotorfit.lab.data.findings import Finding
+from rotorfit.models.shafts.shaft import Shaft
+
+
+@dataclass(frozen=True, kw_only=True)
+class StructureError:
+    """Reduction of a known structure in a fit."""
+
+    coordinates: int  # of the structure
+    kept: int  # of the reduced structures, the largest
+    estimate: float
+    over_noise: float
+    checked: int  # these lines
+
+    def __str__(self) -> str:
+        return (
+            f"the structure's {self.coordinates} coordinates were reduced to {self.kept}; estimated error of the "
+            f"stiffness at the planes {self.estimate:.1e} of it; against exact condensation, predictions at "
+            f"{self.checked} lines change by at most {self.over_noise:.1e} of the noise"
+        )
+
+
+def own_findings(fit: FitResult) -> list[Finding]:
+    """What a fit, its noise and its model ask a reader to know, without a look at the data: warnings, then notes."""
+    return [*fit.notices, *_notes(fit)]
+
+
+def _notes(fit: FitResult) -> Iterator[Finding]:
+    """What belongs beside the numbers of a fit."""
+    for remark in dict.fromkeys(remark for block in fit.problem.blocks for remark in block.remarks):
+        yield Finding("note", "errors", remark)
+    if fit.noise is not None:
+        yield from fit.noise.notes
+    for row in fit.causes.found:
+        text = f"the data show {row.words}; {row.way_out}"
+        yield Finding("note", "cause", text, remedy=row.way_out, origin="fit")
+    tilts = [k for k, coordinate in enumerate(fit.model.coordinates) if coordinate.axis == "r"]
+    read = any(np.isin(base.coordinate, tilts).any() for base in fit.problem.responses)
+    for caveat in (*fit.model.caveats, *(() if read else fit.model.caveats_without_tilts)):
+        yield Finding("note", "model", caveat, origin="model")
+    reduced = structure_error(fit)
+    if reduced is not None:
+        yield Finding("note", "reduced", str(reduced), origin="model")
+
+
+def structure_error(fit: FitResult) -> StructureError | None:
+    """Error of the reduced structure in a fit; None where there is no structure, or none was reduced."""
+    model = fit.model
+    while hasattr(model, "base"):  # the same structure on other supports, or on a shaft that is not round
+        model = model.base
+    shaft = model.shaft
+    if not isinstance(shaft, Shaft) or not shaft.parts:
+        return None
+    worst, checked, theta = 0.0, 0, fit.thetas
+    lines = 8  # lines of each experiment: few enough to be condensed exactly
+    for block in fit.problem.blocks:
+        base = block.responses
+        if base is None:
+            continue
+        some = np.unique(np.linspace(0, base.frequency.size - 1, lines).astype(int))
+        keep = np.zeros(base.frequency.size, dtype=bool)
+        keep[some] = True
+        rows, few = keep[base.line], block.lines(keep)
+        if few is None:
+            continue
+        change = block.predict(theta)[rows] - few.predict(theta)
+        worst, checked = max(worst, float(np.abs(change / base.sigma[rows]).max())), checked + some.size
+    used = shaft.reductions
+    if not used:
+        return None
+    return StructureError(
+        coordinates=shaft.terms.size,
+        kept=max(r.size for r in used),
+        estimate=max(r.error for r in used),
+        over_noise=worst,
+        checked=checked,
+    )
