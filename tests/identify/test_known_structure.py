@@ -489,3 +489,24 @@ def test_a_structure_with_nothing_unknown_still_answers(lines):
     assert found.shape == (lines, 2, 2)
     assert np.allclose(found[:, 0, 0], 1 / (1e4 - w**2))
     assert np.allclose(found[:, 1, 1], 1 / (1e4 - 2 * w**2))
+
+
+def test_a_structure_without_weight_has_a_threshold_or_none() -> None:
+    """A unit too many in its masses: natural frequencies of 1e150 rad/s are no speeds."""
+    model = KnownStructure(
+        np.eye(2) * 1e-300, None, None, np.eye(2) * 1e4, planes={"a": 0, "b": 1}, dofs=("z",), fluid="b"
+    )
+    w = np.linspace(-300.0, 300.0, 30)
+    for speeds in ([100.0], [100.0, 200.0]):
+        data: dict[str, list[np.ndarray]] = {"frequency": [], "speed": [], "response": []}
+        for speed in speeds:
+            data["frequency"].append(w)
+            data["speed"].append(np.full(w.size, speed))
+            data["response"].append(10.0 / (1e4 + 2e4 + 450.0j * (w - 0.47 * speed)))
+        columns = {name: np.concatenate(parts) for name, parts in data.items()}
+        test = rf.perturbation_test(
+            **columns, run="b", force=10.0, plane="b", force_plane="b", direction="z", sigma=1e-9
+        )
+        fit = plain_fit(model, test)
+        assert not np.isfinite(fit.threshold_speed().stderr) or fit.threshold_speed().value < 1e16
+        assert "threshold" in summary_words(fit)

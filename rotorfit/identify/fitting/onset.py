@@ -18,6 +18,7 @@ from rotorfit.identify.fitting.result import FitResult
 from rotorfit.models import eigenvalues
 from rotorfit.models.motion.off_centre import off_centre_threshold
 from rotorfit.models.motion.stability import eigenvalue_gradient
+from rotorfit.models.shafts.angular_rates import HIGHEST_RATE
 
 
 def onset_of(fit: FitResult, group: int) -> Quantity:
@@ -123,7 +124,7 @@ def _growth_error(fit: FitResult, group: int) -> float:
         s = eigenvalues(model, theta, speed)
         return np.asarray(s[np.isfinite(s) & (np.abs(s) <= fit.stability_band) & (np.abs(s) > 0)])
 
-    speed = float(np.abs(in_band(0.0)).max(initial=0.0))
+    speed = min(float(np.abs(in_band(0.0)).max(initial=0.0)), HIGHEST_RATE)
     s = in_band(speed)
     if not s.size:
         return math.nan

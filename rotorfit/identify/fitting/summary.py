@@ -40,6 +40,7 @@ from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.findings import Finding, errors_in, of_the_fit
 from rotorfit.models import RotorModel, eigenvalues
 from rotorfit.models.parameters import bare_name
+from rotorfit.models.shafts.angular_rates import HIGHEST_RATE
 from rotorfit.models.structure import block_parameters, block_symbols
 
 if TYPE_CHECKING:
@@ -362,7 +363,7 @@ def _turning_lines(fit: FitResult) -> list[str]:
     """The turning anisotropy and the speeds at which it makes the shaft run away."""
     found = [f"turning anisotropy: {fit.turning_anisotropy()}"]
     theta = fit.theta()
-    top = 3 * float(np.abs(eigenvalues(fit.model, theta, 0.0)).max())
+    top = min(3 * float(np.abs(eigenvalues(fit.model, theta, 0.0)).max()), HIGHEST_RATE)
     bands = RPM_PER_RAD_S * np.asarray(unstable_speeds(fit.model, theta, top)).reshape(-1, 2)
     shown = [f"{low:.1f} to {high:.1f} rpm" for low, high in bands.tolist()]
     if terms := fit.model.line_count // 2 - 1:

@@ -168,7 +168,8 @@ def natural_frequencies(fit: FitResult, speed: float, at: Mapping[str, Any] | No
 
 def _damping_slope(s: complex, by: ComplexArray) -> Float:
     """Derivatives of the damping ratio ``-Re s / |s|`` of an eigenvalue by what it has the derivatives ``by``."""
-    return np.asarray(-by.real / abs(s) + s.real * (s.real * by.real + s.imag * by.imag) / abs(s) ** 3)
+    along = s / abs(s)
+    return np.asarray((-by.real + along.real * (along.real * by.real + along.imag * by.imag)) / abs(s))
 
 
 def modes_of(fit: FitResult, speed: float, normalise: str | None, at: Mapping[str, Any] | None) -> Modes:
