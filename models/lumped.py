@@ -192,10 +192,6 @@ class Overhung(RotorModel):
     """
 
     name: ClassVar[str] = "overhung"
-    caveats_without_tilts = (
-        "without readings of the tilt the data hold k12 squared only: its sign is a convention, that of its start, "
-        "positive unless start={'k12': ...}, bounds or known= say otherwise",
-    )
 
     def __init__(self, planes: Sequence[str] = ("disk",), *, coupling_mass: bool = False, betas: bool = False) -> None:
         self.betas = betas

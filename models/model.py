@@ -64,7 +64,6 @@ class RotorModel(ABC):
     clearance: float | None = None  # radial, m: the eccentricity of the equation is the orbit's radius over it
     fluids: tuple[PlaneFluid, ...] = ()  # forces of eq. (13), where the model is made of them
     caveats: tuple[str, ...] = ()  # sentences that belong beside the numbers of this model
-    caveats_without_tilts: tuple[str, ...] = ()  # those that readings of a tilt make void
     probes: Probes = ()  # between the planes, with their shares of the planes' motion
     shaft: SeenShaft | None = None  # a structure whose matrices are known
     ratios: Mapping[str, tuple[str, ...]] = MappingProxyType({})  # what data may tell only over a positive parameter

@@ -54,7 +54,7 @@ class Orthotropic(RotorModel):
         self._check()
         self.planes = base.planes
         self.at = support_planes(at, base)
-        self.caveats, self.caveats_without_tilts = base.caveats, base.caveats_without_tilts
+        self.caveats = base.caveats
         self.in_band_only = base.in_band_only
         self.magnetic = base.magnetic
         own = support_parameters(self.at)

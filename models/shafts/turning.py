@@ -244,7 +244,7 @@ class Turning(RotorModel):
             raise ValueError(f"an element is between two planes, or a plane and the ground; got {', '.join(ends)}")
         self.base, self.element = base, ends
         self.planes, self.clearance = base.planes, base.clearance
-        self.caveats, self.caveats_without_tilts = base.caveats, base.caveats_without_tilts
+        self.caveats = base.caveats
         self.in_band_only = base.in_band_only
         self.shaft = shaft_apart(base)
         self.parameters = (

@@ -44,10 +44,11 @@ def _notes(fit: FitResult) -> Iterator[Finding]:
     for row in fit.causes.found:
         text = f"the data show {row.words}; {row.way_out}"
         yield Finding("note", "cause", text, remedy=row.way_out, origin="fit")
-    tilts = [k for k, coordinate in enumerate(fit.model.coordinates) if coordinate.axis == "r"]
-    read = any(np.isin(base.coordinate, tilts).any() for base in fit.problem.responses)
-    for caveat in (*fit.model.caveats, *(() if read else fit.model.caveats_without_tilts)):
+    for caveat in fit.model.caveats:
         yield Finding("note", "model", caveat, origin="model")
+    for other in fit.other_solutions:
+        choice = "choose by start=, bounds= or known="
+        yield Finding("note", "other solution", f"{other}; {choice}", remedy=choice, origin="fit")
     reduced = structure_error(fit)
     if reduced is not None:
         yield Finding("note", "reduced", str(reduced), origin="model")

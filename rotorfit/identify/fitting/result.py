@@ -57,6 +57,7 @@ if TYPE_CHECKING:
 
     from rotorfit.estimators.inference.log_posterior import Noise
     from rotorfit.identify.fitting.anisotropy import TurningAnisotropy
+    from rotorfit.identify.fitting.other_solutions import OtherSolution
     from rotorfit.identify.fitting.structure.coefficients import CoefficientRows, Coefficients, FrequencyRows
     from rotorfit.identify.fitting.structure.modes import Modes
     from rotorfit.identify.uncertainty.bootstrap import Bootstrap
@@ -784,6 +785,13 @@ class FitResult:
         )
 
     # ---- posterior, imported when asked for --------------------------------------------------------------------------
+
+    @cached_property
+    def other_solutions(self) -> tuple[OtherSolution, ...]:
+        """Solutions that the data hold as well: values of the other sign, or two sets of them exchanged."""
+        from rotorfit.identify.fitting.other_solutions import other_solutions
+
+        return other_solutions(self)
 
     def log_posterior(self, noise: Noise | None = None) -> LogDensity:
         """The density that :meth:`sample` draws from, for any other sampler: a function of one vector or of many.

@@ -133,7 +133,10 @@ def sample(
         burn_in=paths.burn_in,
         converged=paths.converged,
         message=paths.message,
-        treatment=structure + _treatment(fit, target, centre) + _better_optimum(target, centre, paths),
+        treatment=structure
+        + _treatment(fit, target, centre)
+        + _better_optimum(target, centre, paths)
+        + _visited(fit, chain),
         seed=paths.seed,
         settings=replace(settings, walkers=count, steps=paths.steps),
         sizes=sizes,
@@ -246,6 +249,20 @@ def _better_optimum(target: LogPosterior, centre: Float, paths: WalkerPaths) -> 
         f". The log density of the best draw is {significant(lead, 3)} above that of the optimum found from the fit: "
         "the fit did not end in the lowest minimum, fit again with start at the medians of these draws"
     )
+
+
+def _visited(fit: FitResult, chain: Float) -> str:
+    """Whether the draws are of other solutions that the data hold as well."""
+    words = ""
+    for other in fit.other_solutions:
+        names = [n for n, value in other.values.items() if value != fit.params[n].value and fit.params[n].stderr]
+        places = [fit.problem.space.names.index(name) for name in names]
+        error = np.array([fit.params[name].stderr for name in names])
+        way = (other.x - fit.x)[places] / error
+        share = float((((chain[..., places] - fit.x[places]) / error) @ way > way @ way / 2).mean())
+        seen = f"{significant(100 * share, 2)} % of the draws are nearer to it" if share else "no draw is of it"
+        words += f". The data hold another solution as well (fit.other_solutions): {seen}"
+    return words
 
 
 def _print_progress(state: SamplerProgress) -> None:
