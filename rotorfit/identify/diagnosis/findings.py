@@ -44,7 +44,7 @@ from rotorfit.identify.diagnosis.trial_fits import (
     trial,
 )
 from rotorfit.identify.fitting.fit import fitted, solve
-from rotorfit.identify.fitting.notices import own_findings
+from rotorfit.identify.fitting.notices import notices_of
 from rotorfit.identify.fitting.problem_setup import build_problem
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.experiments import PerturbationTest, perturbations
@@ -56,7 +56,7 @@ from rotorfit.models.parameters import bare_name
 def findings_of(fit: FitResult) -> tuple[Finding, ...]:
     """Findings about a fit and its data, errors first, and of these first the ones that explain its misfit. A diagnosis
     that fails says so and leaves the rest: the fit stands without it."""
-    own, found = own_findings(fit), []
+    own, found = notices_of(fit), []
     try:
         found = _shown(fit)
         found = [*other_rig(fit), *explained(_as_asked(fit), {finding.code for finding in found}), *found]

@@ -30,7 +30,7 @@ class StructureError:
         )
 
 
-def own_findings(fit: FitResult) -> list[Finding]:
+def notices_of(fit: FitResult) -> list[Finding]:
     """What a fit, its noise and its model ask a reader to know, without a look at the data: warnings, then notes."""
     return [*fit.notices, *_notes(fit)]
 

@@ -34,7 +34,7 @@ from rotorfit.identify.fitting.headline import (
 )
 from rotorfit.identify.fitting.noise.record import NoiseVerdict, is_run_effect
 from rotorfit.identify.fitting.noise.residual_study import VERDICTS
-from rotorfit.identify.fitting.notices import own_findings
+from rotorfit.identify.fitting.notices import notices_of
 from rotorfit.identify.fitting.quantities import FittedParameter, Number, Quantity
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.findings import Finding, errors_in, of_the_fit
@@ -150,7 +150,7 @@ def fit_table(fit: FitResult, findings: Sequence[Finding] | None = None) -> str:
     below += interval_lines(fit)
     below += _cause_lines(fit)
     below += [f"start: {start_words(fit)}"] if fit.nfev else []
-    own = [one for one in own_findings(fit) if one.origin != "noise" or one.severity != "note"]
+    own = [one for one in notices_of(fit) if one.origin != "noise" or one.severity != "note"]
     below += [f"note: {one.message}" for one in own if one.severity == "note"]
     below += [f"warning: {one.message}" for one in own if one.severity != "note"]
     corrections = _parameter_lines(fit, folded=True)

@@ -10,7 +10,7 @@ from rotorfit.base.significance import quantile
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.inference.identifiability import Combination
 from rotorfit.identify.fitting.noise.residual_study import VERDICTS
-from rotorfit.identify.fitting.notices import own_findings
+from rotorfit.identify.fitting.notices import notices_of
 from rotorfit.identify.fitting.quantities import THRESHOLD, FittedParameter
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.summary import (
@@ -55,7 +55,7 @@ def parameter_section(material: ReportInput) -> Html:
         given = ", ".join(f"{name} {plain(size, 3)}" for name, size in fit.settings.sizes.items())
         words = "They include causes beside the model, found and on trust; see the budget"
         notes.append(parts.sentence(f"{words}, with the sizes given ({given})" if given else words))
-    of_errors = (one.message for one in own_findings(fit) if one.origin in ("noise", "reading"))
+    of_errors = (one.message for one in notices_of(fit) if one.origin in ("noise", "reading"))
     notes += map(parts.sentence, (*interval_lines(fit), *of_errors))
     corrections = correction_names(fit.model)
 

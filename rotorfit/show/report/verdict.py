@@ -10,7 +10,7 @@ import numpy as np
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.fitting.noise.record import NoiseVerdict
 from rotorfit.identify.fitting.noise.residual_study import MODEL_LIMITED_REDCHI, VERDICTS
-from rotorfit.identify.fitting.notices import own_findings
+from rotorfit.identify.fitting.notices import notices_of
 from rotorfit.identify.fitting.quantities import Number, Quantity
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.findings import Finding, attributed, errors_in
@@ -33,7 +33,7 @@ def verdict_section(material: ReportInput) -> Html:
     warnings = [f"error in the data: {words}" for words in errors]
     of_data = [found.words for found in _of_data(material) if found.severity == "warning"]
     warnings += dict.fromkeys(f"warning of the data: {words}" for words in of_data)
-    own = own_findings(fit)
+    own = notices_of(fit)
     warnings += [one.message for one in own if one.severity != "note"]
     if fit.identifiability.unresolved:
         warnings.append("not determined by these data: " + ", ".join(fit.identifiability.unresolved))
