@@ -120,7 +120,7 @@ def test_probes_that_log_the_speed_apart_make_one_orbit() -> None:
     apart = rf.perturbation_test(
         **{name: getattr(test, name) for name in test._columns()} | {"speed": test.speed * late}
     )
-    assert apart.lines.first.size == test.lines.first.size
+    assert apart.lines[0].size == test.lines[0].size
     assert fitted(apart).params["lam"].value == pytest.approx(fitted(test).params["lam"].value, rel=1e-4)
 
 

@@ -78,7 +78,8 @@ class Orbits:
 
     def number(self, *names: str) -> Index:
         """Number of the group of equal values of columns that each belongs to, in order of appearance."""
-        return in_order(combined(*[self.test.lines.number[name][self.first] for name in names]))[1]
+        columns = ["set_speed" if name == "speed" else name for name in names]
+        return in_order(combined(*[self.test.category(name).number[self.first] for name in columns]))[1]
 
     def groups(self, *names: str) -> list[tuple[tuple[Any, ...], Index]]:
         """Indices by equal values of columns."""
@@ -116,24 +117,24 @@ def orbits_of(test: PerturbationTest, rows: Index) -> Orbits:
     """Readings of a test, which are such rows of a whole, put together. Under a force along an axis the forward and the
     backward part are two orbits, each with its half of the force; readings of one probe alone, which do not tell them
     apart, are left out, but for those along the force on a rotor at rest."""
-    lines, origin = test.lines, rows[:, None]
-    if lines.names["force_direction"] != ["circular"]:
+    origin = rows[:, None]
+    if test.category("force_direction").names != ["circular"]:
         lonely = probe_pairs(test, test.linear)[1]
         planar = (test.speed == 0) & (np.char.lstrip(test.direction, "r") == test.force_direction)
         kept = np.setdiff1d(np.arange(len(test)), lonely[~planar[lonely]])
         test, pairs = whirl_parts(test.select(kept), planar[kept])
-        lines, origin = test.lines, rows[kept][pairs]
-    probe = np.array(["xyz".find(direction) for direction in lines.names["direction"]], dtype=np.intp)
-    probe = probe[lines.number["direction"]]
+        origin = rows[kept][pairs]
+    directions, direction = test.category("direction")
+    probe = np.array(["xyz".find(name) for name in directions], dtype=np.intp)[direction]
     readings = np.flatnonzero(probe >= 0)
-    first, orbit = in_order(combined(lines.line, lines.number["plane"])[readings])
+    first, orbit = in_order(combined(test.lines[1], test.category("plane").number)[readings])
     place = np.full((first.size, 3), -1, dtype=np.intp)
     place[orbit[::-1], probe[readings][::-1]] = readings[::-1]  # of repeats the first stands for all
     first = readings[first]
     backward = test.frequency[first] < 0
     right, wrong = directional(test.response, place, backward)
-    axes = lines.names["force_direction"]
-    share = np.array([{"x": 0.5, "y": 0.5j}.get(axis, 1.0) for axis in axes], dtype=complex)
+    axes, axis = test.category("force_direction")
+    share = np.array([{"x": 0.5, "y": 0.5j}.get(name, 1.0) for name in axes], dtype=complex)
     force = np.where(backward, test.force[first].conj(), test.force[first])
     return Orbits(
         test=test,
@@ -141,7 +142,7 @@ def orbits_of(test: PerturbationTest, rows: Index) -> Orbits:
         first=first,
         rows=place,
         frequency=test.frequency[first],
-        force=force * share[lines.number["force_direction"][first]],
+        force=force * share[axis[first]],
         right=right,
         wrong=wrong,
     )

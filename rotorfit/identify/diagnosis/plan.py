@@ -8,7 +8,7 @@ import numpy as np
 
 from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.estimators.blocks.row_keys import rows_by, words
+from rotorfit.estimators.blocks.row_keys import rows_by
 from rotorfit.estimators.signals.ring_down import fit_ramp
 from rotorfit.identify.diagnosis.orbits import SYNCHRONOUS_DISTANCE
 from rotorfit.lab.data.experiments import PerturbationTest, plane_groups
@@ -44,7 +44,7 @@ def _filled(test: Experiment) -> Iterator[Finding]:
         return
     inside = (test.run[1:] == test.run[:-1]) & (np.abs(test.frequencies - test.speed)[1:] > 0)
     ones = np.isclose(step[:, None], _ONE, rtol=1e-6).any(axis=1)
-    names, number = words(test.run)
+    names, number = test.category("run")
     of = number[1:][inside]
     count, by_one = (np.bincount(of, own, len(names)) for own in (None, ones[inside]))
     fewest_steps = 4  # steps of a run from which they are no chance
@@ -91,7 +91,7 @@ def _frequencies(test: Experiment, influences: Influences | None) -> Iterator[Fi
             "both; without them parameters are less certain than the noise suggests."
         )
         yield Finding("warning", "one-direction", text)
-    runs = rows_by(words(test.run)[1])
+    runs = rows_by(test.category("run").number)
     single = [str(test.run[own[0]]) for own in runs if np.ptp(np.round(test.frequencies[own], 6)) == 0]
     if single and influences is None:
         text = f"Runs with one frequency only: {listed(single)}; they cannot show how dynamic stiffness varies with it."

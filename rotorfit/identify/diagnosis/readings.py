@@ -102,7 +102,7 @@ def run_digests(experiment: Experiment) -> dict[str, bytes]:
         return found
     values = (test.speed, test.frequency, test.force, test.response)
     copied_readings = 3  # readings of a run that agree to the last digit from which that is no chance
-    for some in rows_by(test.lines.number["run"]):
+    for some in rows_by(test.category("run").number):
         if some.size >= copied_readings and test.response[some].any():
             numbers = np.stack([part for column in values for part in (column[some].real, column[some].imag)])
             sequence = np.lexsort(numbers)
@@ -120,7 +120,7 @@ def unread(test: PerturbationTest) -> Iterator[Finding]:
     zero = test.response == 0
     if not zero.any():
         return
-    channel, size = _channels(test), np.abs(test.response)
+    channel, size = test.alike("plane", "direction")[1], np.abs(test.response)
     dead = np.bincount(channel, size) == 0
     alone = dead[channel] & ~test.linear
     if alone.any() and not dead.all():
@@ -147,7 +147,7 @@ def unread(test: PerturbationTest) -> Iterator[Finding]:
 
 def clipped(test: PerturbationTest) -> Iterator[Finding]:
     """Amplitudes that stay at the largest value of their probe, to the last digit, over several lines."""
-    channel, size = _channels(test), np.abs(test.response)
+    channel, size = test.alike("plane", "direction")[1], np.abs(test.response)
     top = np.zeros(int(channel.max(initial=0)) + 1)
     np.maximum.at(top, channel, size)
     flat = (size >= top[channel] * (1 - _LAST_DIGIT)) & (size > 0)
@@ -177,15 +177,9 @@ def _probes(test: PerturbationTest, rows: Index) -> str:
     return ", ".join(dict.fromkeys(f"{test.direction[row]} at {test.plane[row]}" for row in rows.tolist()))
 
 
-def _channels(test: PerturbationTest) -> Index:
-    number = test.lines.number
-    return combined(number["plane"], number["direction"])
-
-
 def _sweeps(test: PerturbationTest, channel: Index) -> list[Index]:
     """Rows of one probe in one run and under one force's plane, in the order of frequency."""
-    number = test.lines.number
-    return rows_by(combined(number["run"], number["force_plane"], channel), test.frequency)
+    return rows_by(combined(test.alike("run", "force_plane")[1], channel), test.frequency)
 
 
 def _steps(channel: Index, size: Float, some: slice) -> dict[int, float]:

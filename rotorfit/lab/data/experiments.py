@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Bool, ComplexArray, Float, Index, Records, Text
 from rotorfit.base.units import UNITS
-from rotorfit.estimators.blocks.row_keys import distinguished, words
+from rotorfit.estimators.blocks.row_keys import combined, in_order, occurrence
 from rotorfit.estimators.blocks.set_speeds import once_per_turn
-from rotorfit.lab.data.lines import Lines, lines_of
 from rotorfit.lab.data.rows import PLACEHOLDER, Experiment
 from rotorfit.lab.data.table_columns import FORCED, Layout, in_units_of
 
@@ -33,6 +32,8 @@ FORCE_DIRECTIONS = ("circular", "x", "y")
 
 DERIVATIVES = ("displacement", "velocity", "acceleration")
 """Quantities that sensors measure, in the order of the derivatives of the displacement."""
+
+_LINE = ("run", "set_speed", "frequency", "force_plane", "force", "force_direction", "further_forces")
 
 FORCE_SIGMA = "force_sigma_N"
 """Attribute: standard deviation of the real part and of the imaginary part of each measured force, N."""
@@ -90,7 +91,7 @@ class PerturbationTest(Experiment):
             object.__setattr__(self, "further_forces", none_further(len(self.run)))
         super().__post_init__()
         for name, allowed in (("direction", DIRECTIONS), ("force_direction", FORCE_DIRECTIONS)):
-            unknown = sorted(set(words(getattr(self, name))[0]) - set(allowed))
+            unknown = sorted(set(self.category(name).names) - set(allowed))
             if unknown:
                 raise ValueError(
                     f"{self.source or 'the test'}: {name} {unknown} unknown; allowed: {', '.join(allowed)}"
@@ -132,7 +133,7 @@ class PerturbationTest(Experiment):
     @property
     def line_of_rows(self) -> Index:
         """See any experiment."""
-        return self.lines.apart()[0]
+        return self.lines_apart[1]
 
     def table_columns(self) -> dict[str, NDArray[Any]]:
         """See any experiment: of several forces the first."""
@@ -160,15 +161,25 @@ class PerturbationTest(Experiment):
         return gathered(self)
 
     @cached_property
-    def lines(self) -> Lines:
-        """Rows put together by lines: what one run at one frequency under one force is."""
-        return lines_of({name: getattr(self, name) for name in self._columns()} | {"speed": self.set_speed})
+    def lines(self) -> tuple[Index, Index]:
+        """First row of each line, what one run at one frequency under one force is, and the line of each row; the speed
+        is that which was set: probes may log it a moment apart."""
+        return self.alike(*_LINE)
+
+    @cached_property
+    def lines_apart(self) -> tuple[Index, Index]:
+        """The same, repeats of a reading being put on lines of their own."""
+        line = self.lines[1]
+        reading = combined(line, *[self.category(name).number for name in ("plane", "direction")])
+        if not reading.size or np.bincount(reading).max() == 1:
+            return self.lines
+        return in_order(combined(occurrence(reading), line))
 
     @cached_property
     def forces(self) -> tuple[str, ...]:
         """Planes of the force in order of appearance, with the axis of those that do not turn: ``disk along x``; of
         forces that act at once all: ``disk + journal``."""
-        first, _ = distinguished(self.force_plane, self.force_direction, self.further_forces)
+        first, _ = self.alike("force_plane", "force_direction", "further_forces")
         words = (
             [at if axis == "circular" else f"{at} along {axis}" for at, _, axis in self.acting(row)]
             for row in first.tolist()
@@ -194,7 +205,7 @@ class PerturbationTest(Experiment):
         """Circular forces of each row at each of ``force_planes``, N, shape ``(R, planes)``."""
         planes = self.force_planes
         found = np.zeros((len(self), len(planes)), dtype=complex)
-        names, number = words(self.force_plane)
+        names, number = self.category("force_plane")
         place = np.array([planes.index(name) for name in names], dtype=np.intp)
         found[np.arange(len(self)), place[number]] = self.force
         for row in np.flatnonzero(self.several).tolist():
@@ -237,8 +248,8 @@ class PerturbationTest(Experiment):
     @cached_property
     def force_planes(self) -> tuple[str, ...]:
         """Planes of the forces in order of appearance."""
-        further = [plane for acting in words(self.further_forces)[0] for plane, *_ in acting]
-        return tuple(dict.fromkeys([*words(self.force_plane)[0], *further]))
+        further = [plane for acting in self.category("further_forces").names for plane, *_ in acting]
+        return tuple(dict.fromkeys([*self.category("force_plane").names, *further]))
 
     @property
     def kind(self) -> str:
@@ -263,7 +274,7 @@ class PerturbationTest(Experiment):
     @property
     def same_place(self) -> Index:
         """Number of the run, speed, frequency and force of each row, shape ``(R,)``."""
-        return distinguished(self.run, self.set_speed, self.frequency, self.force_plane)[1]
+        return self.alike("run", "set_speed", "frequency", "force_plane")[1]
 
     @property
     def probes(self) -> tuple[str, ...]:
@@ -339,7 +350,7 @@ def perturbations(tests: Iterable[Experiment]) -> list[PerturbationTest]:
 def plane_groups(test: PerturbationTest) -> list[list[str]]:
     """Groups of planes that runs connect, a run connecting the plane of its force with those it measures."""
     groups: list[set[str]] = []
-    first, _ = distinguished(test.force_plane, test.plane, test.several)
+    first, _ = test.alike("force_plane", "plane", "further_forces")
     columns = (test.force_plane, test.plane, test.further_forces)
     for forced, measured, further in zip(*[column[first].tolist() for column in columns], strict=True):
         connected = {forced, measured, *[plane for plane, *_ in further]}

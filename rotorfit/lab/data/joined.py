@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from rotorfit.estimators.blocks.row_keys import distinguished, words
 from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.synchronous import join
@@ -62,13 +61,13 @@ def runs_apart(tests: Sequence[T]) -> tuple[T, ...]:
         return tuple(tests)
     read: Counter[tuple[Any, ...]] = Counter()  # kind of a test, run and probe
     for test in tests:
-        columns = [getattr(test, name) for name in ("run", "plane", "direction") if hasattr(test, name)]
-        first = distinguished(*columns)[0]
+        told = [name for name in ("run", "plane", "direction") if hasattr(test, name)]
+        columns, first = [getattr(test, name) for name in told], test.alike(*told)[0]
         read.update((test.title, *row) for row in zip(*(column[first].tolist() for column in columns), strict=True))
     twice = {(kind, run) for (kind, run, *_), count in read.items() if count > 1}
     apart = []
     for test, where in zip(tests, _places(tests), strict=True):
-        names, number = words(test.run)
+        names, number = test.category("run")
         renamed = [f"{name} ({where})" if (test.title, name) in twice else name for name in names]
         apart.append(test if renamed == names else replace(test, run=np.array(renamed)[number]))
     return tuple(apart)

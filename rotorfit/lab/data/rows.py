@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from html import escape
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rotorfit.base.array_types import Bool, ComplexArray, Float, Index, Text
 from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.estimators.blocks.row_keys import numbers, words
+from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, words
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE, set_speeds
 from rotorfit.lab.data.table_columns import RUN, Layout
 
@@ -43,6 +43,13 @@ def _range(rates: Float) -> str:
         return ""
     ends = [significant(end, 5) for end in (rates.min(), rates.max())]
     return ends[0] if ends[0] == ends[1] else f"{ends[0]} to {ends[1]}"
+
+
+class Category(NamedTuple):
+    """Distinct entries of a column, and the number of each row's among them."""
+
+    names: list[Any]  # texts and records in the order of the rows; of numbers none
+    number: Index  # of numbers in ascending order, shape ``(R,)``
 
 
 PLACEHOLDER = 1e-9 + 0j
@@ -154,17 +161,41 @@ class Experiment(ABC):
     def set_speed(self) -> Float:
         """Speed that the rotor was set to, rad/s: means of logged speeds within ``speed_tolerance``, shape ``(R,)``."""
         frequency = self.frequencies if len(self.frequencies) else np.zeros(len(self))
-        return set_speeds(self.speed, frequency, numbers(self.run), self.speed_tolerance)
+        return set_speeds(self.speed, frequency, self.category("run").number, self.speed_tolerance)
+
+    def category(self, column: str) -> Category:
+        """A column as categories, found once.
+
+        Args:
+            column: its name; ``set_speed`` counts too.
+        """
+        if column not in self._categories:
+            given = getattr(self, column)
+            found = words(given) if given.dtype.kind in "UO" else ([], numbers(given))
+            self._categories[column] = Category(*found)
+        return self._categories[column]
+
+    @cached_property
+    def _categories(self) -> dict[str, Category]:
+        return {}
+
+    def alike(self, *columns: str) -> tuple[Index, Index]:
+        """First row of each distinct combination of entries, in the order of the rows, and the number of each row's.
+
+        Args:
+            columns: their names.
+        """
+        return in_order(combined(*[self.category(name).number for name in columns]))
 
     @cached_property
     def runs(self) -> tuple[str, ...]:
         """Names of the runs in order of appearance."""
-        return tuple(words(self.run)[0])
+        return tuple(self.category("run").names)
 
     @cached_property
     def planes(self) -> tuple[str, ...]:
         """Measured planes in order of appearance, none for experiments that name no plane."""
-        return tuple(words(self.plane_of_rows)[0])
+        return tuple(self.category("plane").names) if self.plane_of_rows.size else ()
 
     @property
     def plane_of_rows(self) -> Text:

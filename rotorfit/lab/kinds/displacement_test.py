@@ -11,7 +11,6 @@ from rotorfit.base.array_types import ComplexArray, Float, Index, Text
 from rotorfit.base.units import UNITS
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Block, Responses
-from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.lab.data.linear_force import directional, directional_noise
 from rotorfit.lab.data.rows import PLACEHOLDER, Experiment
 from rotorfit.lab.data.table_columns import FREQUENCY, Column, Layout, noise
@@ -104,7 +103,7 @@ def _observed(test: DisplacementTest, model: RotorModel, group: Index) -> Respon
             f"{', '.join(model.planes)}. Map names (planes=, --planes)"
         )
     count = len(test)
-    planes, plane = words(test.plane)
+    planes, plane = test.category("plane")
     coordinate = np.array([model.coordinate(name, "z") for name in planes], dtype=np.intp)[plane]
     values = np.concatenate([test.force_x, test.force_y])
     rows = np.vstack([np.where(np.isnan(values), -1, np.arange(2 * count)).reshape(2, count), np.full(count, -1)]).T

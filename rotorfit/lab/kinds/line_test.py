@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rotorfit.base.array_types import ComplexArray, Float, Index, Text
 from rotorfit.estimators.blocks.observations import Block, Responses
-from rotorfit.estimators.blocks.row_keys import distinguished, words
+from rotorfit.estimators.blocks.row_keys import distinguished
 from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses, is_image_line
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.table_columns import FORCED, Layout, in_units_of
@@ -65,7 +65,7 @@ class LineTest(Experiment):
     @property
     def force_planes(self) -> tuple[str, ...]:
         """Planes of the force in order of appearance."""
-        return tuple(words(self.force_plane)[0])
+        return tuple(self.category("force_plane").names)
 
     def observe(self, model: RotorModel, group: Index) -> Block:
         """See any experiment."""

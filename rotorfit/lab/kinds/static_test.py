@@ -68,7 +68,7 @@ class StaticTest(Experiment):
     @property
     def same_place(self) -> Index:
         """Number of the run, speed and load of each row, shape ``(R,)``."""
-        return distinguished(self.run, self.speed, self.load_plane, self.load)[1]
+        return self.alike("run", "speed", "load_plane", "load")[1]
 
     @property
     def sizes(self) -> tuple[tuple[str, Float, str], ...]:
@@ -82,7 +82,7 @@ class StaticTest(Experiment):
     @property
     def force_planes(self) -> tuple[str, ...]:
         """Planes of the load in order of appearance."""
-        return tuple(dict.fromkeys(self.load_plane.tolist()))
+        return tuple(self.category("load_plane").names)
 
     def observe(self, model: RotorModel, group: Index) -> Block:
         """See any experiment."""
@@ -130,7 +130,7 @@ def _observed(test: StaticTest, model: RotorModel, group: Index) -> Block:
     if not model.eccentricity_dependent:
         return block
     eps = _eccentricity(model, test, coordinate)
-    sweep = distinguished(test.run, test.speed, test.load_plane, test.plane)[1]
+    sweep = test.alike("run", "speed", "load_plane", "plane")[1]
     return OrbitResponses(block, eps, "nearest" if np.isfinite(eps).all() else "followed", sweep)
 
 
@@ -139,7 +139,7 @@ def _eccentricity(model: RotorModel, test: StaticTest, coordinate: Index) -> Flo
     seat = journal(model)
     eps = np.where(coordinate == seat.at, np.abs(test.displacement) / seat.clearance, np.nan)
     check_clearance(eps, model, "static positions")
-    loads = distinguished(test.run, test.speed, test.load_plane, test.load)[1]
+    loads = test.same_place
     for load in np.unique(loads[np.isnan(eps)]):  # other planes under a load share the journal's position
         here = loads == load
         if np.isfinite(eps[here]).any():

@@ -13,7 +13,6 @@ from rotorfit.estimators.blocks.row_keys import combined, distinguished, in_orde
 from rotorfit.estimators.noise.sweep_noise import estimate_noise
 from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.linear_force import directional, directional_noise, whirl_parts
-from rotorfit.lab.data.lines import Lines
 from rotorfit.lab.observing.rows import check_planes
 from rotorfit.models import RotorModel
 
@@ -23,10 +22,9 @@ def observe(model: RotorModel, experiment: PerturbationTest, group: Index) -> Re
     each x/y pair in the direction of the force, and take a single probe's reading for that of a circular orbit. Under a
     force along an axis they see both components of each x/y pair, at +w and -w."""
     _check_finite(experiment)
-    names = experiment.lines.names
-    check_planes(model, experiment, names["plane"], experiment.force_planes, forces="force planes")
+    check_planes(model, experiment, experiment.planes, experiment.force_planes, forces="force planes")
     if model.frame != "z":
-        other = sorted(set(names["direction"]) - {"x", "y"})
+        other = sorted(set(experiment.category("direction").names) - {"x", "y"})
         if other:
             raise ValueError(
                 f"{model.name} keeps x and y apart; readings in direction {', '.join(other)} do not fit it"
@@ -84,7 +82,7 @@ def _check_finite(experiment: PerturbationTest) -> None:
         )
     if experiment.response.all():
         return
-    first, channel = distinguished(experiment.plane, experiment.direction)
+    first, channel = experiment.alike("plane", "direction")
     alive = np.bincount(channel, weights=experiment.response != 0)
     for row, some in zip(first.tolist(), alive.tolist(), strict=True):
         if not some:
@@ -100,11 +98,6 @@ def rows_in_words(bad: NDArray[np.bool_]) -> str:
     return f"rows {rows}{', ...' if bad.sum() > 8 else ''}"
 
 
-def first_rows(test: PerturbationTest) -> Index:
-    """First row of each line of a test, in the order of the lines of its observations."""
-    return test.lines.apart()[1]
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Places:
     """Which rows of a test make each reading in a model's coordinates, line by line."""
@@ -118,9 +111,9 @@ class Places:
     @classmethod
     def of(cls, model: RotorModel, test: PerturbationTest) -> Places:
         """Those of a test; models that keep x and y apart take each reading as it is."""
-        lines, size, apart = test.lines, len(model.coordinates), model.frame != "z"
-        line, first = lines.apart()
-        kind, number = in_order(combined(lines.number["plane"], lines.number["direction"]))
+        size, apart = len(model.coordinates), model.frame != "z"
+        first, line = test.lines_apart
+        kind, number = test.alike("plane", "direction")
         names = [(str(test.plane[row]), str(test.direction[row])) for row in kind.tolist()]
         coordinates = [model.coordinate(p, d if apart else d[:-1] or "z") for p, d in names]
         probes = [2 if apart else "xyz".index(direction[-1]) for _, direction in names]
@@ -135,20 +128,19 @@ class Places:
 
 
 def _assembled(model: RotorModel, test: PerturbationTest, group: Index) -> Responses:
-    places, lines = Places.of(model, test), test.lines
+    places, (runs, run) = Places.of(model, test), test.category("run")
     first, line, coordinate = places.first, places.line, places.coordinate
     measured, wrong = directional(test.response, places.rows, places.backward)
     sigma, derivative = directional_noise(test.sigma, places.rows), test.derivative[places.rows.max(axis=1)]
     frequency, row = test.frequency[first], first[line]
-    force = _forces(model, test, lines, first)
-    turn = _in_phase(force, frequency, test.set_speed[first], lines.number["run"][first])
+    force = _forces(model, test, first)
+    turn = _in_phase(force, frequency, test.set_speed[first], run[first])
     if turn is not None:
         force = force * turn[:, None]
         measured, wrong = measured * turn[line], wrong * turn[line].conj()
     channels = [c.plane if c.axis == "z" else str(c) for c in model.coordinates]
-    runs, run = lines.names["run"], lines.number["run"][row]
-    begin, label = in_order(combined(run, coordinate))
-    labels = tuple(f"{runs[run[i]]} / {channels[coordinate[i]]}" for i in begin.tolist())
+    begin, label = in_order(combined(run[row], coordinate))
+    labels = tuple(f"{runs[run[row[i]]]} / {channels[coordinate[i]]}" for i in begin.tolist())
     block = Responses(
         model=model,
         speed=_speeds(test, first),
@@ -192,15 +184,15 @@ def _speeds(test: PerturbationTest, first: Index) -> Float:
     speed = test.speed[first]
     if np.array_equal(test.speed, test.set_speed):
         return speed
-    line, _ = test.lines.apart()
+    _, line = test.lines_apart
     return np.asarray(speed + np.bincount(line, test.speed - speed[line]) / np.bincount(line))
 
 
-def _forces(model: RotorModel, test: PerturbationTest, lines: Lines, first: Index) -> ComplexArray:
+def _forces(model: RotorModel, test: PerturbationTest, first: Index) -> ComplexArray:
     """Generalised force of each line, shape ``(L, n)``: the sum over the forces that act at once."""
     frequency, force = test.frequency[first], test.force[first]
-    planes, axes = lines.names["force_plane"], lines.names["force_direction"]
-    kind = lines.number["force_plane"][first] * len(axes) + lines.number["force_direction"][first]
+    (planes, plane_number), (axes, axis_number) = test.category("force_plane"), test.category("force_direction")
+    kind = plane_number[first] * len(axes) + axis_number[first]
     found = np.zeros((first.size, len(model.coordinates)), dtype=complex)
     for at in rows_by(kind):
         plane, axis = divmod(int(kind[at[0]]), len(axes))
@@ -227,7 +219,7 @@ def _force_noise(model: RotorModel, test: PerturbationTest, first: Index) -> Com
 
 def _conditions(test: PerturbationTest) -> Index:
     """Number of the conditions of each row: attributes that one run has one value of, the number of a repeat aside."""
-    run, codes = test.lines.number["run"], [np.zeros(len(test), dtype=np.intp)]
+    run, codes = test.category("run").number, [np.zeros(len(test), dtype=np.intp)]
     for name, values in test.attributes.items():
         if name.startswith("repeat"):
             continue

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.base.digits import significant
-from rotorfit.estimators.blocks.row_keys import distinguished, rows_by
+from rotorfit.estimators.blocks.row_keys import combined, rows_by
 from rotorfit.estimators.noise.sweep_noise import FEWEST_LINES
 from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.rows import Experiment
@@ -58,7 +58,9 @@ def _off_jumps(model: RotorModel, given: Experiment) -> tuple[Experiment, str]:
     moving = np.flatnonzero(test.plane == model.coordinates[journal(model).at].plane)
     if test.static_position is not None or not moving.size:
         return test, ""
-    sweep = distinguished(test.run, test.set_speed, np.sign(test.frequency), test.force_plane, test.direction)[1]
+    sweep = combined(
+        test.alike("run", "set_speed", "force_plane", "direction")[1], (np.sign(test.frequency) + 1).astype(np.intp)
+    )
     ending: list[int] = []
     jumps = 0
     least_step = 0.05  # step of the journal's vector from one line to the next, in clearances, that may be a jump

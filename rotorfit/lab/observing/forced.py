@@ -16,7 +16,7 @@ from rotorfit.estimators.blocks.shaft_lines import LineResponses
 from rotorfit.estimators.blocks.small_motion import OffCentreResponses
 from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.weights import Influences
-from rotorfit.lab.observing.circular import first_rows, observe
+from rotorfit.lab.observing.circular import observe
 from rotorfit.lab.observing.rows import check_clearance, check_finite
 from rotorfit.models import AnisotropicShaft, RotorModel
 from rotorfit.models.motion.journal import journal
@@ -83,7 +83,7 @@ def off_centre_responses(
         if rows.size:
             part = test.select(rows)
             block = observe(model, part, group[rows])
-            first = first_rows(part)
+            first = part.lines_apart[0]
             # Phasors of the probe, relative to exp(+j|w|t), from what was taken for a circular orbit.
             turned = block.measured if axis == "x" else -1j * block.measured
             phasors = np.where(block.frequency[block.line] < 0, turned.conj(), turned)

@@ -182,7 +182,7 @@ def with_best_speeds(task: Task, design: Design) -> tuple[Design, Choices]:
     errors = errors_of(found, targets)
     asked = [name for name in names or tuple(targets) if math.isfinite(errors[name].stderr)]
     lines, _ = task.lines(found, [targets[name] for name in asked if names or found.causes], first, found.told | True)
-    speed = test.speed[test.lines.apart()[1]]
+    speed = test.speed[test.lines_apart[0]]
     order = sorted(_compared(lines, speed, design.speeds, count).items(), key=lambda choice: choice[1])
     speeds, best = order[0]
     # The criterion is a mean logarithm of variances.

@@ -15,7 +15,6 @@ from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.fitting.causes.table import size_of
 from rotorfit.lab.data.experiments import PerturbationTest, perturbations
 from rotorfit.lab.data.rows import Experiment
-from rotorfit.lab.observing.circular import first_rows
 from rotorfit.models.motion.stability import decay_rate
 from rotorfit.studies.planning.design import Design, candidate_test, line_times, too_fast
 from rotorfit.studies.planning.record import ExpectedError, Plan, duration
@@ -105,7 +104,7 @@ def _candidates(task: Task, tests: Sequence[PerturbationTest]) -> list[tuple[Per
         run = whole.select(whole.run == name)
         if (str(run.force_plane[0]), round(float(run.speed[0]), 4), bool(run.frequency[0] > 0)) in there:
             continue
-        settle, average = line_times(like, model, theta, run, first_rows(run), task.band)
+        settle, average = line_times(like, model, theta, run, run.lines_apart[0], task.band)
         found.append((_with_noise(task, run, tests), float(settle.sum() + average.sum())))
     return found[:most_runs]
 

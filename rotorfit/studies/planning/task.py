@@ -22,7 +22,6 @@ from rotorfit.identify.fitting.quantities import ErrorBar
 from rotorfit.identify.fitting.settings import FitSettings
 from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.rows import Experiment
-from rotorfit.lab.observing.circular import first_rows
 from rotorfit.models import RotorModel
 from rotorfit.studies.planning.design import Design, candidate_test, line_times
 from rotorfit.studies.planning.expectation import Expectation, expect
@@ -213,9 +212,9 @@ def _timed(
     task: Task, design: Design, test: PerturbationTest, table: PlannedLines, weight: Float, sizes: Float
 ) -> tuple[PlannedLines, PerturbationTest]:
     """The lines with their times, and the test with averaging times and the noise that these leave."""
-    first = first_rows(test)
+    first = test.lines_apart[0]
     settle, average = line_times(design, task.model, task.vector(), test, first, task.band)
-    line: Index = test.lines.apart()[0]
+    line: Index = test.lines_apart[1]
     shared = (average * weight)[line]
     relative = math.hypot(task.noise.share_of(test), task.noise.common)
     sigma = np.hypot(task.noise.of_rows(test), relative * sizes) / np.sqrt(weight[line])
@@ -234,7 +233,7 @@ def _sizes(found: Expectation, test: PerturbationTest) -> Float:
     kinds = set(zip(test.plane.tolist(), test.direction.tolist(), strict=True))
     at = {(p, d): model.coordinate(p, (d[:-1] or "z") if turned else d) for p, d in kinds}
     channel = [at[one] for one in zip(test.plane.tolist(), test.direction.tolist(), strict=True)]
-    return np.asarray(size[test.lines.apart()[0], channel])
+    return np.asarray(size[test.lines_apart[1], channel])
 
 
 def _largest_motion(found: Expectation, first: int, design: Design) -> str:

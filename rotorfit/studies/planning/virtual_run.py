@@ -10,7 +10,6 @@ import numpy as np
 
 from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.lab.data.experiments import PerturbationTest
-from rotorfit.lab.observing.circular import first_rows
 from rotorfit.lab.simulation.forcing import probes
 from rotorfit.lab.simulation.integration import Motion, steady_state
 from rotorfit.lab.simulation.rig import VirtualRig
@@ -27,7 +26,7 @@ def virtual_run(
     """The planned test as a rotor with given parameters, shape ``(P,)``, would fill it in. The weight of each line is
     its averaging time over that which the noise is given for."""
     rng = np.random.default_rng(seed)
-    line, first = test.lines.apart()[0], first_rows(test)
+    first, line = test.lines_apart
     kinds = {kind: float(sd) for kind, sd in noise.runs.items()}
     run = np.unique(test.run[first], return_inverse=True)[1].reshape(-1)
     differences = {kind: sd * rng.normal(size=run.max() + 1)[run] for kind, sd in kinds.items()}
