@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from inspect import signature
 from pathlib import Path
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -308,3 +309,38 @@ def test_a_simulated_start_up_runs_through_the_onset(tmp_path: Path) -> None:
         rf.simulate_recordings(soft, values, tmp_path, "synchronous", unbalance=1e-2, **quick)
     with refuses(ValueError):
         rf.simulate_recordings(rotor, v, tmp_path, "release", speed_rpm=1000)
+
+
+@pytest.mark.parametrize("name", ["one-mode", "whirl-whip", "anisotropic", "overhung", "two-disk"])
+@pytest.mark.parametrize("kind", ["perturbation", "synchronous"])
+def test_exact_responses_are_those_of_the_integrated_motion(name: str, kind: str) -> None:
+    model, how = rf.models.MODELS[name](), {"noise": 0.0, "tolerance": 1e-8}
+    options: dict[str, Any] = {"speed_rpm": [300.0, 600.0]}
+    options |= {"unbalance": 1e-4} if kind == "synchronous" else {"frequency_rpm": [-400.0, 300.0], "force": 1.0 + 1j}
+    exact = rf.simulate(model, TYPICAL[name], kind, exact=True, **how, **options)
+    integrated = rf.simulate(model, TYPICAL[name], kind, **how, **options)
+    for column in ("run", "plane", "direction", "force", "frequency"):
+        assert (getattr(exact, column) == getattr(integrated, column)).all()
+    # ten tolerances count as settled
+    assert np.abs(exact.response - integrated.response).max() < 1e-7 * np.abs(exact.response).max()
+
+
+def test_exact_responses_take_milliseconds_and_are_of_linear_rotors_alone() -> None:
+    rotor = rf.models.WhirlWhip()
+    options: dict[str, Any] = {"frequency_rpm": np.arange(50, 4000, 20), "force": 1.0}
+    begin = process_time()
+    test = rf.simulate(rotor, TYPICAL["whirl-whip"], speed_rpm=[500, 1000], exact=True, **options)
+    assert process_time() - begin < 2.0  # some 20 ms; integrated it takes tens of seconds
+    fit = plain_fit(rotor, test, known={"K3": TYPICAL["whirl-whip"]["K3"]})
+    pull = (fit.params["lam"].value - TYPICAL["whirl-whip"]["lam"]) / fit.params["lam"].stderr
+    assert abs(pull) < 4.5
+    for model, values, kind, more in (
+        (one_mode(), VALUES, "perturbation", {}),
+        (rotor, TYPICAL["whirl-whip"], "perturbation", {"load": 1.0}),
+        (rotor, TYPICAL["whirl-whip"], "static-load", {"load": [1.0]}),
+    ):
+        given = {"load": [1.0]} if kind == "static-load" else options | more
+        with refuses(ValueError):
+            rf.simulate(model, values, kind, speed_rpm=500, exact=True, **given)
+    with refuses(ValueError):  # unstable there
+        rf.simulate(rotor, TYPICAL["whirl-whip"], speed_rpm=20000, exact=True, **options)

@@ -208,6 +208,10 @@ def displacement(
 def _steady(rig: VirtualRig, lines: _Lines, order: LineOrder) -> Steady:
     """Steady motion of all lines: each from rest, or one after the other in the sweeps that they are of."""
     frequency = lines.frequency if rig.model.frame == "z" else np.abs(lines.frequency)
+    if rig.exact:
+        forward = (rig.model.receptance(rig.theta, frequency, lines.speed) @ lines.force[..., None])[..., 0]
+        still = np.zeros_like(forward)
+        return Steady(forward=forward, backward=still, mean=still, z=forward, v=1j * frequency[:, None] * forward)
     motion = rig.motion(lines.speed)
     direction = -1 if order == "down" else 1
     queues = list(np.arange(frequency.size)[:, None])

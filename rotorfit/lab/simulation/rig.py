@@ -38,6 +38,7 @@ class VirtualRig:
     noise: float  # standard deviation of the noise of a reading, as a fraction of the rms reading in its run
     tolerance: float  # of the integration in time
     rng: np.random.Generator  # source of the noise
+    exact: bool = False  # whether steady motion is that of the phasor equations, not integrated in time
 
     def __post_init__(self) -> None:
         self.motion(np.zeros(1))  # refuses equations that do not determine a motion in time

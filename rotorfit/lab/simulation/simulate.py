@@ -107,6 +107,8 @@ SIMULATED: Mapping[str, Callable[..., Experiment]] = {
     "impulse": forcing.impulse,
 }
 """Kinds of experiments by name: functions of a :class:`~rotorfit.lab.simulation.rig.VirtualRig` and its options."""
+_ROTATING = ("perturbation", "squeeze-film", "synchronous")
+"""Those whose responses the phasor equations give."""
 
 
 @overload
@@ -119,6 +121,7 @@ def simulate(
     rng: Seed = ...,
     seed: Seed = ...,
     tolerance: float = ...,
+    exact: bool = ...,
     **options: Unpack[ExperimentOptions],
 ) -> PerturbationTest: ...
 @overload
@@ -131,6 +134,7 @@ def simulate(
     rng: Seed = ...,
     seed: Seed = ...,
     tolerance: float = ...,
+    exact: bool = ...,
     **options: Unpack[ExperimentOptions],
 ) -> DisplacementTest: ...
 @overload
@@ -143,6 +147,7 @@ def simulate(
     rng: Seed = ...,
     seed: Seed = ...,
     tolerance: float = ...,
+    exact: bool = ...,
     **options: Unpack[ExperimentOptions],
 ) -> StaticTest: ...
 @overload
@@ -155,6 +160,7 @@ def simulate(
     rng: Seed = ...,
     seed: Seed = ...,
     tolerance: float = ...,
+    exact: bool = ...,
     **options: Unpack[ExperimentOptions],
 ) -> RingDownTest: ...
 @overload
@@ -167,6 +173,7 @@ def simulate(
     rng: Seed = ...,
     seed: Seed = ...,
     tolerance: float = ...,
+    exact: bool = ...,
     **options: Unpack[ExperimentOptions],
 ) -> Experiment: ...
 def simulate(
@@ -178,6 +185,7 @@ def simulate(
     rng: Seed = None,
     seed: Seed = None,
     tolerance: float = 1e-6,
+    exact: bool = False,
     **options: Unpack[ExperimentOptions],
 ) -> Experiment:
     """Test a virtual rig: integrate its nonlinear equation of motion in time, read probes, add noise.
@@ -198,6 +206,8 @@ def simulate(
 
     They are described at :func:`rotorfit.lab.simulation.forcing.perturbation` and its neighbours.
 
+    With ``exact=True`` linear rotors are not integrated, which takes milliseconds in place of seconds.
+
     Recordings of raw signals, in volts with noise, run-out and Keyphasors: :func:`rotorfit.simulate_recordings`.
 
     Args:
@@ -209,6 +219,8 @@ def simulate(
         rng: of the noise, a generator or its seed, 0 by default.
         seed: the same.
         tolerance: of the integration, as a fraction of the motion.
+        exact: responses of a linear rotor to rotating forces by the phasor equations, in milliseconds: to plan and to
+            teach with. A fit solves the same equations, so that it tests no more than the noise.
         options: speeds, forces and so on of the kind.
 
     Returns:
@@ -234,11 +246,17 @@ def simulate(
     if not (np.isfinite(noise) and noise >= 0 and 0 < tolerance < 1e-2):
         raise ValueError(f"noise must be zero or positive and tolerance within (0, 0.01), got {noise} and {tolerance}")
     settings = checked_options(kind, options, SIMULATED)
+    if exact and (kind not in _ROTATING or model.eccentricity_dependent or settings.get("load")):
+        raise ValueError(
+            f"exact=True is for linear rotors without a load, of the kinds {', '.join(_ROTATING)}; leave it out to "
+            "integrate the motion in time"
+        )
     rig = VirtualRig(
         model=model,
         theta=model.vector(params),
         noise=float(noise),
         tolerance=tolerance,
+        exact=exact,
         rng=np.random.default_rng(chance(rng, seed, 0)),
     )
     return SIMULATED[kind](rig, **settings)
