@@ -159,3 +159,26 @@ def test_several_pressures_are_conditions_and_lines_of_their_own() -> None:
     assert [np.round(curve.get_xdata(), 6).tolist() for curve in curves] == [
         [1500.0, 3000.0]
     ] * 8  # 4 entries at 2 pressures
+
+
+def test_a_summary_of_six_conditions_fits_on_a_screen() -> None:
+    """K, C, M and the whirl frequency ratio by condition in place of 72 lines, each with the numbers of the table."""
+    speeds, bars = (1500.0, 3000.0, 4500.0), (15.0, 30.0)
+    tables = [
+        floating_stator(speeds_rpm=speeds, mass=0.0, motion_noise=0.1, sigma_um=0.1, seed=seed).assign(
+            pressure_bar=bar, run=lambda own, bar=bar: own["run"] + f" {bar:g} bar"
+        )
+        for seed, bar in enumerate(bars)
+    ]
+    names = [kind + row + column for kind in "KDM" for row in "xy" for column in "xy"]
+    per = dict.fromkeys(names, "speed_rpm+pressure_bar")
+    fit = rf.fit(rf.models.Anisotropic(("stator",)), rf.read(pd.concat(tables)), per=per)
+    lines = fit.summary().splitlines()
+    assert len(lines) <= 60
+    assert max(map(len, lines)) <= 88
+    rows = {line.split()[0]: line for line in reversed(lines) if "+" in line.split(" ")[0]}  # the first of each
+    for row in fit.coefficient_table().rows:
+        rpm, bar = round(row.speed / RPM), row.condition.partition("pressure_bar=")[2].partition(",")[0]
+        own = next(line for line in lines if line.startswith(f"{rpm}+{bar} "))
+        assert row["Kxx"].to("MN/m").shown().number in own
+    assert set(rows) >= {f"{rpm:g}+{bar:g}" for rpm in speeds for bar in bars}

@@ -14,6 +14,7 @@ from rotorfit.base.digits import interval, plus_minus, significant, with_error
 from rotorfit.base.text_table import text_table
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.fitting.result import FitResult
+from rotorfit.identify.fitting.structure.coefficients import lines_by_condition
 from rotorfit.identify.fitting.summary import fit_table
 from rotorfit.lab.data.findings import Finding
 from rotorfit.lab.data.rows import Experiment
@@ -27,7 +28,7 @@ def summary(outcome: Outcome, rig: str = "") -> str:
     parts.append("\n".join(map(describe_test, outcome.experiments, outcome.findings)))
     if isinstance(outcome.closed, str):
         parts.append(f"no closed form: {outcome.closed}")
-    else:
+    elif not lines_by_condition(outcome.fit):
         parts.append(_comparison(outcome.closed, outcome.fit))
     if outcome.refinement is not None:
         parts.append("structural refinement\n" + outcome.refinement.table())

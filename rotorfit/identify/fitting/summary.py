@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from html import escape
 from operator import add, mul, sub, truediv
@@ -37,6 +38,7 @@ from rotorfit.identify.fitting.noise.residual_study import VERDICTS
 from rotorfit.identify.fitting.notices import notices_of
 from rotorfit.identify.fitting.quantities import FittedParameter, Number, Quantity
 from rotorfit.identify.fitting.result import FitResult
+from rotorfit.identify.fitting.structure.coefficients import lines_by_condition
 from rotorfit.lab.data.findings import Finding, errors_in, of_the_fit
 from rotorfit.models import RotorModel, eigenvalues
 from rotorfit.models.parameters import bare_name
@@ -135,21 +137,18 @@ def fit_table(fit: FitResult, findings: Sequence[Finding] | None = None) -> str:
     words = ", ".join(f"{block.replace('_', ' ')} ({block_symbols([block])})" for block in blocks)
     folded = [f"corrected for {words}: {len(correction_names(fit.model))} values, listed last"] if blocks else []
     # ``known`` values and shares of errors stand in the table; below it is what a reader looks up.
-    below = [
-        f"identifiability: {fit.identifiability}",
-        *(
-            f"  - determined: {words}"
-            for words in (combined(fit, c) for c in fit.identifiability.combinations)
-            if words
-        ),
+    conditions = lines_by_condition(fit)
+    below = [] if conditions and not fit.identifiability.unresolved else [f"identifiability: {fit.identifiability}"]
+    below += [
+        f"  - determined: {words}" for words in (combined(fit, c) for c in fit.identifiability.combinations) if words
     ]
-    pairs = notable_correlations(fit)
+    pairs = [] if conditions else notable_correlations(fit)
     if pairs:
         below.append("correlations: " + ", ".join(f"{a}-{b} {r:+.2f}" for a, b, r in pairs))
     below += _stability_lines(fit) if fit.success else ["threshold speed: not given, because the fit did not converge"]
     below += interval_lines(fit)
     below += _cause_lines(fit)
-    below += [f"start: {start_words(fit)}"] if fit.nfev else []
+    below += [f"start: {start_words(fit)}"] if fit.nfev and not conditions else []
     own = [one for one in notices_of(fit) if one.origin != "noise" or one.severity != "note"]
     below += [f"note: {one.message}" for one in own if one.severity == "note"]
     below += [f"warning: {one.message}" for one in own if one.severity != "note"]
@@ -158,7 +157,7 @@ def fit_table(fit: FitResult, findings: Sequence[Finding] | None = None) -> str:
         _head(head),
         _wrapped(f"To do next: {head.limit.remedy}; {head.limit.effect}.") if head.limit else [],
         [line for name, said in _about(fit) for line in _wrapped(f"{name:<9}{said}", " " * 9)] + _noise_lines(fit),
-        [*_parameter_lines(fit), *folded],
+        [*(conditions or _parameter_lines(fit)), *folded],
         _mode_lines(fit),
         [line for words in below for line in _wrapped(words, " " * (len(words) - len(words.lstrip()) + 2))],
         ["structural corrections", *corrections] if corrections else [],
@@ -215,8 +214,15 @@ def _cause_lines(fit: FitResult) -> list[str]:
         lines.append("errors rest on these sizes, which the data cannot check (fit.causes has all):")
     for name, moved in shares.items():
         row = rows[name]
-        lines.append(f"  - {name} {size_of(row)} ({row.meaning}): {', '.join(moved)}; to bound it, {row.remedy}")
+        named = ", ".join(_of_all_groups(fit, moved))
+        lines.append(f"  - {name} {size_of(row)} ({row.meaning}): {named}; to bound it, {row.remedy}")
     return lines
+
+
+def _of_all_groups(fit: FitResult, names: Iterable[str]) -> Iterable[str]:
+    """Names of parameters, once where all groups of one are among them."""
+    own, every = (Counter(map(bare_name, some)) for some in (names, fit.params))
+    return dict.fromkeys(bare_name(n) if own[bare_name(n)] == every[bare_name(n)] else n for n in names)
 
 
 def _shown_onset(fit: FitResult) -> Quantity | None:

@@ -173,6 +173,27 @@ class CoefficientRows(Printed, Tabulated):
             table.append(columns)
         return DataFrame(table)
 
+    def by_condition(self, conditions: Sequence[str]) -> list[str]:
+        """Stiffness, damping and inertia, a line a condition, and the whirl frequency ratio where there is most room.
+
+        Args:
+            conditions: their names, one a row.
+        """
+        ratios = ["WFR", *(_shown(row.whirl_frequency_ratio) for row in self.rows)]
+        parts = []
+        for letter, own in UNITS.items():
+            names = [f"{letter}{entry}" for entry in ENTRIES]
+            largest = max(abs(row[name].value) for row in self.rows for name in names)
+            unit = f"M{own}" if letter == "K" and largest >= 1e6 else own
+            table = [["", *(f"{name}, {unit}" for name in names)]]
+            for row, condition in zip(self.rows, conditions, strict=True):
+                table.append([condition, *(_shown(row[name].to(unit)) for name in names)])
+            parts.append(table)
+        narrowest = min(parts, key=lambda table: max(sum(map(len, cells)) for cells in table))
+        for cells, ratio in zip(narrowest, ratios, strict=True):
+            cells.append(ratio)
+        return [line for table in parts for line in text_table(table, "<10" + " >14" * (len(table[0]) - 1))]
+
     def __str__(self) -> str:
         """One column a speed."""
         lines = [["", *[row.condition for row in self.rows], ""]]
@@ -274,6 +295,18 @@ def coefficient_rows(fit: FitResult, speeds: Sequence[float] | None, plane: str 
         labels = fit.problem.space.labels
         wanted = [(speed, dict(one.split("=", 1) for one in labels[group])) for group, speed in sorted(pairs)]
     return CoefficientRows(tuple(coefficients_of(fit, speed, plane, at, 0.0) for speed, at in wanted))
+
+
+def lines_by_condition(fit: FitResult) -> list[str]:
+    """Coefficients of a seal or bearing alone in several conditions, which are the parameters of the fit; else none."""
+    if len(fit.thetas) == 1 or fit.model.frame == "z" or not of_a_rig(fit):
+        return []
+    found = fit.coefficient_table()
+    labels = [fit.problem.space.labels[row.group] for row in found.rows]
+    heads = {own[0].partition("=")[0] for own in labels if own}
+    if len(heads) != 1 or {len(own) for own in labels} != {1}:
+        return found.by_condition([row.condition for row in found.rows])
+    return [f"by {heads.pop()}", *found.by_condition([own[0].partition("=")[2] for own in labels])]
 
 
 # ---- frequency by frequency ------------------------------------------------------------------------------------------
