@@ -240,29 +240,30 @@ class Lag(OfRotor):
     """A damping force of the fluid that lags, as of a compliance in series: ``D (w - lam Om)^2`` by its time."""
 
     entries: Entries
+    ending: str = ""  # of the names of the fluid's parameters
 
     def stiffness(self, base: Responses, theta: Float, size: float) -> ComplexArray | None:
         """See :class:`Act`."""
-        slip = 1j * (base.s.imag - _fluid(base.model, theta[base.group])[1] * base.speed)
+        slip = 1j * (base.s.imag - _fluid(base.model, theta[base.group], self.ending)[1] * base.speed)
         found = super().stiffness(base, theta, size)
         return None if found is None else found / (1 + size * slip)[:, None, None]
 
     def factor(self, base: Responses, theta: Float) -> ComplexArray:
         """See :class:`OfRotor`."""
-        D, lam = _fluid(base.model, theta[base.group])
+        D, lam = _fluid(base.model, theta[base.group], self.ending)
         return np.asarray(D * (base.s.imag - lam * base.speed) ** 2, dtype=complex)
 
     def term(self, model: RotorModel, theta: Float, whirl: float) -> LeftOut | None:
         """See :class:`Act`."""
-        D, lam = (float(value) for value in _fluid(model, theta))
+        D, lam = (float(value) for value in _fluid(model, theta, self.ending))
         return LeftOut("", "", "", self.entries, ((-D, 2, 0), (2j * D * lam, 1, 1), (D * lam**2, 0, 2)))
 
 
-def _fluid(model: RotorModel, theta: Float) -> tuple[Float, Float]:
+def _fluid(model: RotorModel, theta: Float, ending: str) -> tuple[Float, Float]:
     """D and the ratio at which it turns, of parameter vectors."""
     names = model.parameter_names
-    lam = names.index("lam_D" if "lam_D" in names else "lam")
-    return theta[..., names.index("D")], theta[..., lam]
+    lam = names.index(f"lam_D{ending}" if f"lam_D{ending}" in names else f"lam{ending}")
+    return theta[..., names.index(f"D{ending}")], theta[..., lam]
 
 
 # ---- values --------------------------------------------------------------------------------------------------------

@@ -94,6 +94,11 @@ def _beyond(
     return LeftOut(name, meaning, units[order], entries, ((turned, power, speed),))
 
 
+def fluid_endings(model: RotorModel) -> tuple[str, ...]:
+    """Endings of the names of the fluids' parameters: none where there is one fluid."""
+    return tuple(fluid.ending for fluid in model.fluids) or ("",)
+
+
 def fluid_coordinates(model: RotorModel) -> list[int]:
     """Coordinates at which fluid damping D acts."""
     return sorted(_damping_coordinates(model)[0])
@@ -102,12 +107,15 @@ def fluid_coordinates(model: RotorModel) -> list[int]:
 def _damping_coordinates(model: RotorModel) -> tuple[set[int], set[int]]:
     """Coordinates at which fluid damping D acts, and those with external damping."""
     names = model.parameter_names
-    if "D" not in names:
+    own = {f"D{ending}" for ending in fluid_endings(model)}
+    if not own <= set(names):
         return set(), set()
     jacobian = model.functions.jacobian(model.vector({q.name: 1.0 for q in model.parameters}), 1.0, 0.0)
     damping = (jacobian.powers == 1) & (jacobian.rows == jacobian.columns)
     at = {name: set(jacobian.rows[damping & (jacobian.inputs == k)].tolist()) for k, name in enumerate(names)}
-    return at["D"], set().union(*(rows for name, rows in at.items() if name.startswith("Ds")))
+    return set().union(*(at[name] for name in own)), set().union(
+        *(rows for name, rows in at.items() if name.startswith("Ds"))
+    )
 
 
 def onset_shift(model: RotorModel, theta: Float, onset: Threshold, term: LeftOut) -> float:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rotorfit.base.array_types import Float
+from rotorfit.base.array_types import Bool, Float
 from rotorfit.base.names import unknown_name
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.set_speeds import once_per_turn
@@ -32,7 +32,7 @@ from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.identify.fitting.causes.calibration import Calibration, sizes_of
 from rotorfit.identify.fitting.causes.sizes import SIZES, Size
 from rotorfit.models import RotorModel
-from rotorfit.models.motion.neglected_terms import LeftOut, fluid_coordinates, terms_left_out
+from rotorfit.models.motion.neglected_terms import LeftOut, fluid_coordinates, fluid_endings, terms_left_out
 
 _FLUID = {"lam": ("lam", "lam_D", "lam_M"), "K0": ("K0",), "D": ("D",)}
 _OF_FLUID = ("K0", "D", "lam", "lam_D", "lam_M", "Mf")
@@ -72,6 +72,11 @@ def listed(
             raise ValueError(f"the size of the cause {name} is {size}; it is positive, or zero for none")
     sized = (replace(c, size=given[c.name], reason="given") if c.name in given else c for c in found)
     return tuple(cause for cause in sized if cause.size > 0 and math.isfinite(cause.size))
+
+
+def _of_fluid(model: RotorModel) -> set[str]:
+    """Names of the parameters of the fluids' forces."""
+    return {name + ending for name in _OF_FLUID for ending in fluid_endings(model)}
 
 
 def probe_factors(model: RotorModel) -> dict[str, str]:
@@ -196,7 +201,7 @@ class _Rig:
         found: dict[int, tuple[str, ...]] = {}
         for row, place in zip(jacobian.rows[own].tolist(), jacobian.inputs[own].tolist(), strict=True):
             name = model.parameter_names[place] if place < len(model.parameter_names) else ""
-            if name and name not in _OF_FLUID and name not in blocks and model.parameter(name).unit == "N s/m":
+            if name and name not in _of_fluid(model) and name not in blocks and model.parameter(name).unit == "N s/m":
                 found[row] = (*found.get(row, ()), name)
         return found
 
@@ -268,9 +273,11 @@ class _Rig:
 
     def _beside_fluid(self, at: int) -> float:
         """Damping at a coordinate that is neglected beside that of a fluid there; none without one."""
-        if at not in fluid_coordinates(self.model) or "D" not in self.model.parameter_names:
+        if at not in fluid_coordinates(self.model):
             return 0.0
-        return SIZES["neglected"].size * abs(float(self.thetas[0, self.model.parameter_names.index("D")]))
+        plane, names = self.model.coordinates[at].plane, self.model.parameter_names
+        ending = next((fluid.ending for fluid in self.model.fluids if fluid.plane == plane), "")
+        return SIZES["neglected"].size * abs(float(self.thetas[0, names.index(f"D{ending}")]))
 
     def _shaft_losses(self) -> Iterator[Cause]:
         """Damping inside the shaft, hysteresis, and gyroscopic effects of disks, at each plane."""
@@ -337,26 +344,33 @@ class _Rig:
             self.problem.space.index == self.problem.space.index[0]
         ).all(axis=0)
         mean = float(speeds.mean())
+        for ending in fluid_endings(model):
+            yield from self._of_one_fluid(ending, names, one_value, mean)
+
+    def _of_one_fluid(self, ending: str, names: set[str], one_value: Bool | bool, mean: float) -> Iterator[Cause]:
+        """Changes of one of the fluids."""
+        model, seats = self.model, fluid_coordinates(self.model)
+        here = [self.model.coordinate(fluid.plane, "z") for fluid in model.fluids if fluid.ending == ending] or seats
         for name, group in _FLUID.items():
-            own = tuple(n for n in group if n in names)
+            own = tuple(n + ending for n in group if n + ending in names)
             single = all(
                 np.broadcast_to(one_value, len(model.parameter_names))[model.parameter_names.index(n)] for n in own
             )
-            if own and mean and single and f"{name}_speed" not in names:
+            if own and mean and single and f"{name}_speed{ending}" not in names:
                 act = Changing(names=own, mean=mean)
-                meaning = f"share by which {name} changes when the mean tested speed doubles"
-                yield _cause(f"speed[{name}]", meaning, act, SIZES[f"speed[{name}]"])
+                meaning = f"share by which {name}{ending} changes when the mean tested speed doubles"
+                yield _cause(f"speed[{name}{ending}]", meaning, act, SIZES[f"speed[{name}]"])
         middle, half = self._sweep
+        where = f"[{ending[1:]}]" if ending else ""
         if half > 0:
-            drifting = Drifting(name="D", middle=middle, half=half)
-            meaning = "share by which D changes from the middle of a sweep to its end"
-            yield _cause("drift", meaning, drifting, SIZES["drift"])
-        if {"D", "Mf"} <= names and ("lam" in names or "lam_D" in names) and "Mf" in self.fitted:
-            entries = tuple((at, at, 1.0) for at in seats)
-            meaning = "time by which the fluid's damping force lags, which Mf takes up"
-            yield _cause(
-                "lag", meaning, Lag(entries=entries), SIZES["lag"], times=1 / self.top, unit="s", positive=True
-            )
+            drifting = Drifting(name=f"D{ending}", middle=middle, half=half)
+            meaning = f"share by which D{ending} changes from the middle of a sweep to its end"
+            yield _cause(f"drift{where}", meaning, drifting, SIZES["drift"])
+        has_ratio = {f"lam{ending}", f"lam_D{ending}"} & names
+        if {f"D{ending}", f"Mf{ending}"} <= names and has_ratio and f"Mf{ending}" in self.fitted:
+            act_lag = Lag(entries=tuple((at, at, 1.0) for at in here), ending=ending)
+            meaning = f"time by which the fluid's damping force lags, which Mf{ending} takes up"
+            yield _cause(f"lag{where}", meaning, act_lag, SIZES["lag"], times=1 / self.top, unit="s", positive=True)
 
     # ---- places ----------------------------------------------------------------------------------------------------
 
@@ -417,7 +431,7 @@ def _cause(
 
 def _shaft(model: RotorModel, theta: Float, top: float) -> tuple[Float, Float]:
     """Stiffness and inertia of the rotor without its fluid, or with it where it has none, at each coordinate."""
-    alone = np.where([name in _OF_FLUID for name in model.parameter_names], 0.0, theta)
+    alone = np.where([name in _of_fluid(model) for name in model.parameter_names], 0.0, theta)
     found = []
     for vector in (alone, theta):
         still, moving = (

@@ -1,0 +1,133 @@
+"""A bearing and a seal in one rotor: each fluid has its own values, law, causes and errors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sentences import refuses
+
+import rotorfit as rf
+from rotorfit.models import Chain, KnownStructure, LinearInSpeed, Muszynska, Parameter, RotorModel, fluids_of
+
+PLANES = ("bearing", "disk", "seal")
+W = np.r_[-350:-20:15.0, 20:351:15.0]
+TRUTH = {
+    "M1": 1.0, "M2": 4.0, "M3": 1.5, "K2": 2e5, "K3": 1.5e5, "Ds2": 30.0,
+    "K0_bearing": 4e4, "D_bearing": 500.0, "lam_bearing": 0.47, "Mf_bearing": 0.4,
+    "K0_seal": 1e4, "D_seal": 250.0, "lam_seal": 0.38, "Mf_seal": 0.9,
+}  # fmt: skip
+KNOWN = {"K1": 0.0, "K4": 0.0, "Ds1": 0.0, "Ds3": 0.0}
+
+
+def stiffness(w: float, speed: float, sigma: float = 1.0, growth: float = 0.0) -> np.ndarray:
+    """Dynamic stiffness, written a second time; damping of the seal grows with the speed."""
+
+    def fluid(K0: float, D: float, lam: float, Mf: float) -> complex:
+        slip = w - lam * speed
+        return K0 + 1j * D * slip - Mf * slip**2
+
+    grown = 250.0 * (1 + growth * (speed / 100.0 - 1))
+    kappa = np.diag(
+        [
+            2e5 - 1.0 * w**2 + fluid(4e4, 500.0, 0.47, 0.4),
+            2e5 * sigma + 1.5e5 + 30j * w - 4.0 * w**2,
+            1.5e5 - 1.5 * w**2 + fluid(1e4, grown, 0.38, 0.9),
+        ]
+    )
+    kappa[0, 1], kappa[1, 0] = -2e5 * sigma, -2e5
+    kappa[1, 2] = kappa[2, 1] = -1.5e5
+    return kappa
+
+
+def sweeps(seed: int, **change: float):
+    """Sweeps with the force at the bearing, then at the seal, at two speeds."""
+    rng, sigma, found = np.random.default_rng(seed), 2e-7, []
+    for speed in (80.0, 160.0):
+        for plane in ("bearing", "seal"):
+            load = 20.0 * np.array([plane == p for p in PLANES])
+            motion = np.array([np.linalg.solve(stiffness(w, speed, **change), load) for w in W])
+            noise = sigma * (rng.normal(size=motion.shape) + 1j * rng.normal(size=motion.shape))
+            found.append(
+                rf.perturbation_test(
+                    run=f"{speed:g} {plane}", speed=speed, frequency=np.tile(W, 3), force_plane=plane, force=20.0,
+                    plane=np.repeat(PLANES, W.size), direction="z", response=(motion + noise).T.ravel(), sigma=sigma,
+                )
+            )  # fmt: skip
+    return found
+
+
+def chain(**options) -> Chain:
+    return Chain(3, PLANES, fluid=("bearing", "seal"), **options)
+
+
+def test_intervals_of_both_fluids_hold() -> None:
+    draws, inside = 60, []
+    for seed in range(draws):
+        fit = rf.fit(chain(), sweeps(seed), known=KNOWN, causes=None)
+        assert fit.start == "closed form"
+        inside.append([low < TRUTH[name] < high for name in TRUTH for low, high in [fit.interval(name)]])
+    share = np.mean(inside)
+    assert 0.93 < share < 0.99  # of 60 draws of 14 values: 0.95 +- 0.01, more where values go together
+    assert np.mean(inside, axis=0).min() > 0.95 - 3.5 * np.sqrt(0.95 * 0.05 / draws)
+
+
+def test_each_fluid_has_its_causes() -> None:
+    fit = rf.fit(chain(), sweeps(1), known=KNOWN)
+    names = {row.name for row in fit.causes}
+    assert {"speed[lam_bearing]", "speed[lam_seal]", "drift[seal]", "lag[bearing]", "lag[seal]"} <= names
+    for name, value in TRUTH.items():
+        assert abs(fit.params[name].value - value) < 3 * fit.params[name].stderr, name
+    assert "K0_seal" in fit.summary()
+
+
+def test_one_has_a_law_and_a_spring_has_sigma() -> None:
+    law = LinearInSpeed(values=("D",), speed_rpm=100.0 * 30 / np.pi)
+    fit = rf.fit(
+        chain(law={"seal": law}, sigma=True), sweeps(2, sigma=1.1, growth=0.2),
+        known=KNOWN | {"sigma3": 1.0}, causes=None,
+    )  # fmt: skip
+    assert fit.params["D_speed_seal"].value == pytest.approx(0.2, abs=4 * fit.params["D_speed_seal"].stderr)
+    assert "D_speed_bearing" not in fit.params
+    one = {**TRUTH, **KNOWN, "sigma2": 1.1, "sigma3": 1.0, "D_speed_seal": 0.2}
+    model = chain(law={"seal": law}, sigma=True)
+    # row of the first mass: -sigma K2; that of the second: sigma K2 on the diagonal, as in eq. (18)
+    np.testing.assert_allclose(
+        model.dynamic_stiffness(model.vector(one), 90.0, 130.0), stiffness(90.0, 130.0, 1.1, 0.2), rtol=1e-12
+    )
+
+
+def test_a_known_shaft_and_a_model_of_ones_own_have_the_same_fluids() -> None:
+    class Own(RotorModel):
+        name = "own"
+        planes = PLANES
+        fluids = fluids_of(("bearing", "seal"), {"seal": Muszynska()})
+        clearance = 2e-4
+        parameters = (Parameter("k", "N/m", "stiffness"), *(q for fluid in fluids for q in fluid.parameters))
+
+        def equation(self, p, speed, eccentricity):
+            bearing, seal = (fluid.force(p, speed, eccentricity) for fluid in self.fluids)
+            springs = [[p.k + bearing.K, -p.k, 0], [-p.k, 2 * p.k, -p.k], [0, -p.k, p.k + seal.K]]
+            return (
+                springs,
+                [[bearing.C, 0, 0], [0, 0, 0], [0, 0, seal.C]],
+                [[bearing.M, 0, 0], [0, 0, 0], [0, 0, seal.M]],
+            )
+
+    law = {"n_K_seal": 1.0, "n_D_seal": 1.5, "b_seal": 0.4}
+    fluid = {name: value for name, value in TRUTH.items() if "_" in name} | law
+    K = 1e5 * np.array([[1, -1, 0], [-1, 2, -1], [0, -1, 1]])
+    shaft = KnownStructure(
+        np.zeros((3, 3)) + 1e-9 * np.eye(3), None, None, K, planes=dict(zip(PLANES, range(3), strict=True)),
+        fluid=("bearing", "seal"), dofs=("z",), law={"seal": Muszynska()}, clearance_um=200.0,
+    )  # fmt: skip
+    own, at = Own(), (90.0, 130.0, 0.4)
+    found = own.dynamic_stiffness(own.vector({"k": 1e5, **fluid}), *at)
+    np.testing.assert_allclose(shaft.dynamic_stiffness(shaft.vector(fluid), *at), found, rtol=1e-9, atol=1e-3)
+    assert own.orbit_start({**TRUTH}) == {"n_K_seal": 1.0, "n_D_seal": 1.0, "b_seal": 0.5}
+
+
+def test_laws_of_eccentricity_at_two_journals_are_refused() -> None:
+    with refuses(ValueError):
+        chain(law=Muszynska(), clearance_um=100.0)
+    with refuses(ValueError):
+        chain(law={"disk": Muszynska()}, clearance_um=100.0)
