@@ -17,7 +17,7 @@ from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.uncertainty.posterior import SampleSettings
 from rotorfit.identify.uncertainty.profile import Profile
 from rotorfit.show.plots import style
-from rotorfit.show.report import figures, recorded
+from rotorfit.show.report import budget, figures, recorded, verdict
 from rotorfit.show.report.html import Html, picture
 from rotorfit.show.report.material import ReportInput
 
@@ -30,14 +30,14 @@ DOT = base64.b64decode(
 def leave_pixels_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """Put one pixel in the place of every figure of the command line, and of a report, which are not even drawn."""
 
-    def embedded(material: ReportInput, name: str, draw: object, caption: str) -> Html:
+    def embedded(material: ReportInput, name: str, draw: object, words: str, *, caption: str | None = None) -> Html:
         if material.figure_format == "none":
             return Html("")
         material.pictures[name] = DOT
-        return picture(DOT, caption, 1.0)
+        return picture(DOT, words, 1.0, words if caption is None else caption)
 
     monkeypatch.setattr(style, "picture_of", lambda figure, *_, **__: DOT)
-    for module in (figures, recorded):
+    for module in (figures, recorded, verdict, budget):
         monkeypatch.setattr(module, "embedded", embedded)
 
 

@@ -52,20 +52,17 @@ def test_report_of_the_rig_says_what_the_fit_says(rig_fit: FitResult, tmp_path: 
     page = report_of(rig_fit, tmp_path / "report.html")
     onset = rig_fit.threshold_speed()
     assert f"{onset.value * RPM:.1f} ± {onset.stderr * RPM:.1f} rpm" in page.shown
-    assert "highest tested speed (2000 rpm), extrapolated." in page.shown
-    assert (
-        f"{100 * (onset.value / rig_fit.speeds.max() - 1):.1f} % above the highest tested speed (2000 rpm)"
-        in page.shown
-    )
-    assert "explains the data to within their noise" in page.shown
+    assert "above the highest tested speed (extrapolated)." in page.shown
+    assert f"{100 * (onset.value / rig_fit.speeds.max() - 1):.0f} % above the highest tested speed" in page.shown
+    assert "fit agrees with the noise" in page.shown
     for row in rig_fit.causes.found:
         assert row.words.partition(":")[0] in page.shown
     for title in (
-        "Verdict", "Parameters", "95 % intervals", "Identifiability", "Test and data", "Model", "Dynamic stiffness",
-        "Bode plots", "Polar plots", "Residuals", "Quality of fit", "Stability", "To reproduce",
+        "Parameters", "Error budget", "95 % intervals", "Identifiability", "Test and data", "Model",
+        "Dynamic stiffness", "Bode plots", "Polar plots", "Residuals", "Quality of fit", "Stability", "To reproduce",
     ):  # fmt: skip
         assert f"<h2>{title}</h2>" in page.text
-    assert page.tags.count("img") == 5
+    assert page.tags.count("img") == 8
     for p in rig_fit.params.values():
         assert p.meaning in page.shown
         if p.vary:
@@ -109,7 +106,7 @@ def test_refined_report_with_all_extras(rig_refinement: rf.Refinement, tmp_path:
     )
     assert page.text.count("Seal rig, run 7") == 2  # title and heading
     assert "below the operating speed (2800 rpm)" in page.shown
-    assert "within their noise" in page.shown
+    assert "fit agrees with the noise" in page.shown
     refinement = page.text.partition("<h2>Structural refinement</h2>")[2].partition("</section>")[0]
     assert refinement.count("<td>chosen</td>") == 1
     assert "not of the chosen" not in refinement
@@ -130,7 +127,7 @@ def test_refined_report_with_all_extras(rig_refinement: rf.Refinement, tmp_path:
     ):
         assert words in page.shown.replace("Converged", "converged")
     assert "Profile likelihoods" in page.shown
-    assert page.tags.count("img") == 9
+    assert page.tags.count("img") == 12
     parameters = page.text.partition("<h2>Parameters</h2>")[2].partition("</section>")[0]
     assert "kg s²" in parameters
     assert "s^" not in parameters
@@ -155,12 +152,11 @@ def test_the_verdict_says_what_may_be_a_local_minimum(tmp_path: Path) -> None:
     fit = rf.fit(MODELS["overhung"](), overhung_without_slopes(random_stable_rigs("overhung", 10, seed=13)[9], seed=9))
     (doubt,) = (warning for warning in fit.warnings if "perhaps a local minimum" in warning)
     page = report_of(fit, tmp_path / "report.html")
-    headline, _, below = page.shown.partition("Misfit over noise")
-    assert "may have ended in a local minimum" in headline
-    assert "explains the data" not in headline  # though redchi is 1.2
-    assert (
-        doubt.removeprefix("perhaps") in below.partition("Parameters")[0]
-    )  # a sentence of the list of warnings begins with a capital
+    first, _, below = page.shown.partition("95 %:")
+    assert "may have ended in a local minimum" in first
+    assert "agrees with the noise" not in first  # though redchi is 1.2
+    # a sentence of the list of warnings begins with a capital
+    assert doubt.removeprefix("perhaps") in below.partition("standard error")[0]
 
 
 @pytest.mark.usefixtures("sketched")
@@ -172,7 +168,7 @@ def test_what_the_data_leave_open_has_no_number(tmp_path: Path) -> None:
     for name in fit.identifiability.unresolved:
         (row,) = [r for r in page.text.split("<tr>") if f"<code>{name}</code>" in r and fit.params[name].meaning in r]
         assert "not determined" in row
-    assert "undetermined; they are named below" in page.shown
+    assert "5 of 10 values open" in page.shown
     assert "fix sigma" in page.shown
 
 
@@ -202,7 +198,9 @@ def test_a_failed_fit_says_so_first(tmp_path: Path) -> None:
     fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0}, start=start, max_iterations=1)
     assert not fit.success
     page = report_of(fit, tmp_path / "report.html")
-    assert "did not converge: no number in this report should be relied on" in page.shown
+    assert "did not converge: no number here can be relied on" in page.shown
+    assert "not-good" in page.text
+    assert "<b>" not in page.text.partition('class="headline"')[2].partition("</p>")[0]  # no number in bold
     assert "max_iterations=1)" in page.shown
     assert "--max-iterations 1" in page.shown
 
@@ -270,7 +268,7 @@ def test_a_calibration_brings_its_budget(tmp_path: Path) -> None:
     calibration = rf.Calibration(probe_gain=0.01, mr=0.005, keyphasor_deg=0.5)
     fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0}, calibration=calibration)
     page = report_of(fit, tmp_path / "report.html")
-    budget = page.text.partition("<h2>Uncertainty budget</h2>")[2].partition("</section>")[0]
+    budget = page.text.partition("<h2>Error budget</h2>")[2].partition("</section>")[0]
     whole, entries, correlations = (part.partition("</table>")[0] for part in budget.split("<table")[1:])
     (row,) = [row for row in whole.split("<tr>") if "<code>D</code>" in row]
     _, combined, noise, bounded, trust, coverage = (float(n) for n in re.findall(r'number">([0-9.]+)<', row)[:6])

@@ -15,7 +15,7 @@ from rotorfit.identify.fitting.result import FitResult
 from rotorfit.models.motion.journal import journal
 from rotorfit.models.motion.whirl import whirl_branch
 from rotorfit.show.plots import style
-from rotorfit.show.plots.journal import half_width, reach
+from rotorfit.show.plots.journal import half_width, reach, rig_of
 
 _STABLE, _UNSTABLE = style.COLOURS[0], style.COLOURS[1]
 
@@ -35,7 +35,7 @@ def plot_whirl(fit: FitResult, *, sheet: style.Sheet, group: int = 0, max_speed_
     if branch is None:
         limit = f"{significant(top * sheet.per_rad_s, 5)} {sheet.rate_unit}"
         raise ValueError(f"the threshold speed is beyond {limit}: give max_speed_rpm")
-    figure, axes = sheet.grid(2, 1, f"Whirl beyond the onset, {fit.model.name}", size=(5.8, 2.5), one_abscissa=True)
+    figure, axes = sheet.grid(2, 1, f"{rig_of(fit)}: whirl beyond the onset", size=(5.8, 2.5), one_abscissa=True)
     radius, frequency = axes[:, 0]
     factor, unit = sheet.position_unit
     clearance = journal(fit.model).clearance
@@ -85,7 +85,7 @@ def plot_side_load(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     eps, values, errors, loads = _thresholds(fit)
     if eps.size < 2:
         raise ValueError("the fitted rotor has no threshold speed at any eccentricity that could be searched")
-    figure, axes = sheet.grid(1, 2, f"Threshold speed under a side load, {fit.model.name}", size=(3.5, 2.8))
+    figure, axes = sheet.grid(1, 2, f"{rig_of(fit)}: threshold speed under a side load", size=(3.5, 2.8))
     factor, unit = style.prefix(loads, "N")
     for axis, x, words in zip(
         axes[0],

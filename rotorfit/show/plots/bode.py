@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MultipleLocator
 
 from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.digits import significant
@@ -17,6 +18,7 @@ from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.models import RotorModel
 from rotorfit.show.plots import style
 from rotorfit.show.plots.dynamic_stiffness import draw_drive_point
+from rotorfit.show.plots.journal import rig_of
 from rotorfit.show.plots.sweeps import SweepCondition, SweepCurve, curves, forced_planes, joined, measured_curves
 
 
@@ -28,6 +30,7 @@ def panels_of(
     rows: int,
     size: tuple[float, float],
     one_abscissa: bool = False,
+    reads: Sequence[str] = (),
 ) -> tuple[Figure, dict[tuple[int, int], list[Any]], list[Any]]:
     """A figure with a panel for each probe (down) and force (across), packed where not all of them were measured, and
     side by side where a page is too short for all probes of one force.
@@ -44,7 +47,7 @@ def panels_of(
     else:
         place = {pair: divmod(i, max(columns, 2)) for i, pair in enumerate(pairs)}
     down, across = (max(where[k] for where in place.values()) + 1 for k in (0, 1))
-    figure, axes = sheet.grid(rows * down, across, title, size=size, one_abscissa=one_abscissa)
+    figure, axes = sheet.grid(rows * down, across, title, size=size, one_abscissa=one_abscissa, reads=reads)
     for row, column in {(r, c) for r in range(down) for c in range(across)} - set(place.values()):
         for axis in axes[rows * row : rows * (row + 1), column]:
             axis.remove()
@@ -81,6 +84,15 @@ def panel_name(model: RotorModel, coordinate: int, force_plane: int) -> str:
     return f"{reading}{probe.plane}, {forced_planes(model, force_plane)}"
 
 
+_RUNS_ON = (
+    "Angle: motion ahead of the force, counted in the direction of rotation; it runs on through zero frequency.",
+    "Points: measured, paler where σ exceeds 12 % of the response, not drawn above 50 %. All panels share one scale.",
+)
+_LEADS = (
+    "Phase: lead of the probe over a force along it, forward and backward alike.",
+    "Points: measured, paler where σ exceeds 12 % of the response, not drawn above 50 %. All panels share one scale.",
+)
+
 AGAINST = ("frequency", "ratio", "size")
 """Axes of responses: signed frequency, its ratio to the rotative speed, or its size."""
 
@@ -103,6 +115,12 @@ class _Axis:
     def scale(self, frequency: Float) -> Float | float:
         """Factor from responses to a unit force to those to the unbalance."""
         return 1.0 if self.mr is None else self.mr * frequency**2
+
+    @property
+    def runs_on(self) -> bool:
+        """True if the phase is that of x + jy, counted in the direction of rotation, through zero frequency."""
+        both = any(c.frequency.min() < 0 for c in self.found) and any(c.frequency.max() > 0 for c in self.found)
+        return self.against != "size" and both and all(c.signed for c in self.found)
 
     def label(self) -> str:
         """Words below the axis."""
@@ -149,7 +167,7 @@ def plot_bode(
     conditions, found = curves(fit, sheet)
     along = _axis_of(sheet, found, against, mr)
     others = [] if beside is None else curves(beside, sheet)[1]
-    figure = _bode(fit.model, found, along, f"Bode plot{_weight(mr)}, {fit.model.name}", others)
+    figure = _bode(fit.model, found, along, f"{rig_of(fit)}: responses{_weight(mr)} and the fit", others)
     marks = direction_marks(found, ".", " (fit dashed)") if against == "size" else None
     told = "" if beside is None else style.literal(beside.message)
     condition_legend(figure, conditions, "fit and 95 % band", marks, told)
@@ -171,22 +189,39 @@ def _bode(
     model: RotorModel, found: Sequence[SweepCurve], along: _Axis, title: str, others: Sequence[SweepCurve] = ()
 ) -> Figure:
     """Curves in their panels, without a legend; of others their lines alone."""
-    figure, panels, bottom = panels_of(along.sheet, found, title, rows=2, size=(5.2, 1.9), one_abscissa=True)
+    reads = _RUNS_ON if along.runs_on else _LEADS
+    figure, panels, bottom = panels_of(
+        along.sheet, found, title, rows=2, size=(5.2, 1.33), one_abscissa=True, reads=reads
+    )
     for curve in found if along.against == "size" else joined(found):
         draw_bode(model, panels[curve.coordinate, curve.force_plane], curve, along)
-    for curve in others:
+    for curve in joined(others):
         amplitude, phase = panels[curve.coordinate, curve.force_plane]
         factor, _ = _bode_unit(model, curve.coordinate, along)
         fine, look = along.x(curve, curve.fine), {"ls": ":", "lw": 1.3, "color": curve.condition.colour}
         amplitude.plot(fine, factor * along.scale(curve.fine) * np.abs(curve.fitted), **look)
-        phase.plot(fine, broken_phase(curve.line_seen), **look)
+        angle = _unwrapped(curve)[0] if along.runs_on else broken_phase(curve.line_seen)
+        phase.plot(fine, angle, **look)
     for (probe, force), pair in panels.items():
         own = [c for c in found if (c.coordinate, c.force_plane) == (probe, force)]
         finish_bode(model, pair, own, along)
         pair[0].set_title(cell_title(model, probe, force))
+    _share_scales(panels)
     for axis in bottom:
         axis.set_xlabel(along.label())
     return figure
+
+
+def _share_scales(panels: Mapping[tuple[int, int], Sequence[Any]]) -> None:
+    """One scale of amplitudes of one unit, and one of angles, so that panels compare at sight."""
+    for row in (0, 1):
+        by_unit: dict[str, list[Any]] = {}
+        for pair in panels.values():
+            by_unit.setdefault(pair[row].get_ylabel(), []).append(pair[row])
+        for axes in by_unit.values():
+            ends = np.array([axis.get_ylim() for axis in axes])
+            for axis in axes:
+                axis.set_ylim(float(ends[:, 0].min()), float(ends[:, 1].max()))
 
 
 def _weight(mr: float | None) -> str:
@@ -202,20 +237,46 @@ def direction_marks(found: Sequence[SweepCurve], marker: str, more: str = "") ->
 
 
 def draw_bode(model: RotorModel, pair: Sequence[Any], curve: SweepCurve, along: _Axis) -> None:
-    """One response in its panels of amplitude and phase."""
+    """One response in its panels of amplitude and phase: points paler where less certain, none above half."""
     amplitude, phase = pair
     colour, x, fine = curve.condition.colour, along.x(curve, curve.frequency), along.x(curve, curve.fine)
     factor, _ = _bode_unit(model, curve.coordinate, along)
     look, face = along.style(curve)
-    points = {"ls": "", "marker": ".", "ms": 2.5, "mfc": face, "mec": colour, "mew": 0.5, "alpha": 0.6}
     line, (relative, turn) = factor * along.scale(curve.fine) * np.abs(curve.fitted), curve.band
-    amplitude.plot(x, factor * along.scale(curve.frequency) * np.abs(curve.measured), **points)
-    amplitude.plot(fine, line, look, lw=1.1, color=colour)
+    measured, angle, fitted_angle = np.abs(curve.measured), degrees(curve.seen), broken_phase(curve.line_seen)
+    if along.runs_on:
+        fitted_angle, expected = _unwrapped(curve)
+        angle = _beside(degrees(curve.measured), expected)
+    shade = style.shades(colour, style.opacity_of(curve.uncertainty))
+    shown = np.isfinite(shade[:, 3]) & (shade[:, 3] > 0)
+    edge: dict[str, Any] = {"facecolors": "none", "edgecolors": shade[shown]} if face == "none" else {"c": shade[shown]}
+    points = {
+        "s": 6,
+        "marker": curve.condition.marker,
+        "linewidths": 0.6 if face == "none" else 0,
+        "zorder": 2.1,
+    } | edge
+    amplitude.scatter(x[shown], (factor * along.scale(curve.frequency) * measured)[shown], **points)
+    amplitude.plot(fine, line, look, lw=1.3, color=colour)
     reach = np.exp(np.minimum(relative, 20.0))
     amplitude.fill_between(fine, line / reach, line * reach, color=colour, alpha=style.BAND, lw=0)
-    phase.plot(x, degrees(curve.seen), **points)
-    angle, half = broken_phase(curve.line_seen), np.rad2deg(turn)
-    style.draw_curve(phase, fine, angle, half, colour, look, lw=1.1)
+    phase.scatter(x[shown], angle[shown], **points)
+    style.draw_curve(phase, fine, fitted_angle, np.rad2deg(turn), colour, look, lw=1.3)
+
+
+def _unwrapped(curve: SweepCurve) -> tuple[Float, Float]:
+    """Angle of the fitted line in degrees, which runs on from backward to forward, along it and at the readings."""
+    known = np.flatnonzero(np.isfinite(curve.fitted) & np.isfinite(curve.fine))
+    order = known[np.argsort(curve.fine[known], kind="stable")]
+    angle, along = np.full(curve.fitted.size, np.nan), np.rad2deg(np.unwrap(np.angle(curve.fitted[order])))
+    slowest = along[np.argmin(np.abs(curve.fine[order]))]  # a rotor follows a slow force
+    angle[order] = along - 360 * np.round(slowest / 360)
+    return angle, np.asarray(np.interp(curve.frequency, curve.fine[order], angle[order]))
+
+
+def _beside(angle: Float, line: Float) -> Float:
+    """Angles on the turn that is next to a line."""
+    return np.asarray(angle - 360 * np.round((angle - line) / 360))
 
 
 def finish_bode(model: RotorModel, pair: Sequence[Any], found: Sequence[SweepCurve], along: _Axis) -> None:
@@ -224,12 +285,12 @@ def finish_bode(model: RotorModel, pair: Sequence[Any], found: Sequence[SweepCur
     factor, unit = _bode_unit(model, found[0].coordinate, along)
     amplitude.set_yscale("log")
     style.decade_ticks(amplitude.yaxis)
-    shown = [(along.scale(c.frequency) * np.abs(c.measured), along.scale(c.fine) * np.abs(c.fitted)) for c in found]
-    # Limits around points and lines: bands of what is not determined would leave nothing else to be seen.
+    shown = [(along.scale(c.fine) * np.abs(c.fitted),) for c in found]
+    # Limits around lines: points of low frequencies, and bands of what is not determined, would leave nothing else.
     sizes = factor * np.concatenate([part for both in shown for part in both])
     sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
     if sizes.size:
-        amplitude.set_ylim(float(sizes.min()) / 1.5, 1.5 * float(sizes.max()))
+        amplitude.set_ylim(float(sizes.min()) / 1.4, 1.4 * float(sizes.max()))
     imposed = unit.startswith("N/")
     roomy = 4  # rows of panels up to which whole words fit beside one
     place = amplitude.get_subplotspec()
@@ -239,7 +300,11 @@ def finish_bode(model: RotorModel, pair: Sequence[Any], found: Sequence[SweepCur
     else:
         amplitude.set_ylabel(unit if imposed else f"amplitude, {unit}")
         phase.set_ylabel("phase lead of the force, deg" if imposed else style.PHASE_LABEL)
-    style.phase_axis(phase)
+    if along.runs_on:
+        phase.set_ylabel("angle, deg")
+        phase.yaxis.set_major_locator(MultipleLocator(180))
+    else:
+        style.phase_axis(phase)
 
 
 def _bode_unit(model: RotorModel, coordinate: int, along: _Axis) -> tuple[float, str]:
@@ -269,7 +334,7 @@ def plot_drive_point(
     chosen = plane if plane is not None else names[-1]
     found = [c for c, name in zip(own, names, strict=True) if name == chosen]
     along = _axis_of(sheet, found, "frequency", mr)
-    title = style.literal(f"Drive point at {chosen}{_weight(mr)}, {fit.model.name}")
+    title = f"{rig_of(fit)}: drive point at {style.literal(chosen)}{_weight(mr)}"
     figure, axes = sheet.grid(4, 1, title, size=(6.2, 1.9), one_abscissa=True)
     phase, amplitude, direct, quadrature = axes[:, 0]
     for curve in joined(found):
@@ -306,6 +371,11 @@ def condition_legend(
     dotted: str = "",
 ) -> None:
     """Legend: conditions, then points and line, then further marks, by their words marker and face."""
+    few = len(conditions) <= len(style.COLOURS) and marks is None
+    if few and style.key_beside_title(figure, [(c.name, c.colour, c.marker) for c in conditions]):
+        if dotted:
+            style.legend_below(figure, {dotted: {"lw": 1.3, "ls": ":"}})
+        return
     entries: dict[str, Any] = {c.name: {"color": c.colour, "lw": 2} for c in conditions}
     for words, (marker, face) in (marks or {"measured": (".", style.GREY)}).items():
         entries[words] = {"ls": "", "marker": marker, "mfc": face, "ms": 4}

@@ -17,7 +17,21 @@ from rotorfit.identify.fitting.structure.coefficients import (
     FrequencyRows,
 )
 from rotorfit.models.coefficient_tables import COEFFICIENTS
-from rotorfit.show.plots.style import Sheet, colour_of, draw_curve, legend_below, on_sheet, prefix
+from rotorfit.show.plots.style import (
+    GREY,
+    HALF,
+    MARKERS,
+    SMALL_TYPE,
+    Sheet,
+    colour_of,
+    draw_curve,
+    end_labels,
+    halo,
+    legend_below,
+    literal,
+    on_sheet,
+    prefix,
+)
 
 _MARKERS = "os^Dv<>P"
 
@@ -54,6 +68,37 @@ def coefficients(table: CoefficientRows, *, sheet: Sheet) -> Figure:
 
 def _there(table: CoefficientRows, name: str) -> bool:
     return any(row[name].value or row[name].stderr for row in table.rows)
+
+
+@on_sheet
+def whirl_ratio(table: CoefficientRows, *, sheet: Sheet) -> Figure:
+    """Whirl frequency ratio against speed with its 95 % errors, a colour and marker a condition; half is the usual."""
+    figure, ((axis,),) = sheet.grid(1, 1, "", size=HALF)
+    axis.set_title("Whirl frequency ratio")
+    series: dict[str, list[Coefficients]] = {}
+    for row in sorted(table.rows, key=lambda row: row.speed):
+        series.setdefault(row.condition.rpartition(", ")[0], []).append(row)
+    labels, apart = [], 0.012 * max(row.speed for row in table.rows) * sheet.per_rad_s
+    for number, (name, rows) in enumerate(series.items()):
+        found = [(row.speed, row.whirl_frequency_ratio) for row in rows]
+        known = [(speed, q) for speed, q in found if np.isfinite([q.value, q.stderr]).all()]
+        if not known:
+            continue
+        x = np.array([speed for speed, _ in known]) * sheet.per_rad_s + apart * (number - (len(series) - 1) / 2)
+        ends = np.array([q.interval(0.95) for _, q in known])
+        y = np.array([q.value for _, q in known])
+        colour = colour_of(number, len(series))
+        axis.vlines(x, *ends.T, color=colour, lw=1.2)
+        axis.plot(x, y, MARKERS[number % len(MARKERS)], color=colour, ms=4.5)
+        labels.append((literal(name), float(y[-1]), colour))
+    low, high = axis.get_ylim()
+    axis.set_ylim(min(low, 0.44), max(high, 0.54))
+    axis.axhline(0.5, color=GREY, lw=0.9, ls=(0, (6, 2)), zorder=1)
+    axis.annotate("0.5, half of shaft speed", (0.02, 0.5), (0, 2), xycoords=axis.get_yaxis_transform(),
+                  textcoords="offset points", fontsize=SMALL_TYPE, color=GREY, path_effects=halo())  # fmt: skip
+    end_labels(axis, labels if len(series) > 1 else [])
+    axis.set_xlabel(f"shaft speed, {sheet.rate_unit}")
+    return figure
 
 
 @on_sheet

@@ -20,8 +20,9 @@ from rotorfit.estimators.blocks.response import probe_factors
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.starting.force_balance import stiffness_matrices
 from rotorfit.identify.fitting.result import FitResult
+from rotorfit.models.motion.neglected_terms import fluid_coordinates
 from rotorfit.show.plots import style
-from rotorfit.show.plots.journal import half_width
+from rotorfit.show.plots.journal import half_width, rig_of
 from rotorfit.show.plots.sweeps import SweepCondition, sweeps
 
 _FITTED_LINES = 3  # drawing order of fitted lines, above what was measured
@@ -64,6 +65,14 @@ _NO_STIFFNESS = (
     "no dynamic stiffness was measured: it takes readings at the plane of a force that acts alone, or all planes read "
     "under a force at each of them in turn, at the same speeds and frequencies"
 )
+_NAMED = 4
+"""Conditions up to which lines are named where they end; more have a legend."""
+
+_READS = (
+    "Points: measured, paler where less certain; not drawn beyond the axis or where 2σ exceeds half of it. Lines: fit,",
+    "with its 95 % band. Ringed: more than 3.5σ off it. Open: the plane named second, moved by the first.",
+)
+
 AGAINST = ("frequency", "square", "ratio")
 """Axes of dynamic stiffness: frequency, its square for the direct part, or its ratio to the speed."""
 
@@ -81,11 +90,11 @@ def draw_drive_point(sheet: style.Sheet, fit: FitResult, pair: tuple[Any, Any], 
                 if keep.any():
                     some.points.extend(drive_points(_motion(part.responses.lines(keep), fit)))
     _entry(sheet, fit, shown, pair, coordinate, coordinate, full, "frequency")
-    unit = pair[0].get_ylabel().rpartition(", ")[2]
-    pair[0].set_ylabel(f"direct, {unit}")
-    pair[1].set_ylabel(f"quadrature, {unit}")
-    for axis in pair:
+    for axis, kind in zip(pair, ("direct", "quadrature"), strict=True):
+        axis.set_ylabel(f"{kind}, {axis.get_title(loc='left').rpartition(', ')[2]}")
         axis.set_title("")
+        for words in [text for text in axis.texts if text.get_gid() == style.BELOW]:
+            words.remove()
 
 
 @style.on_sheet
@@ -109,25 +118,55 @@ def plot_dynamic_stiffness(fit: FitResult, *, sheet: style.Sheet, against: str =
     full = any(p.row != p.column for s in shown for p in s.points) or n == 1
     measured = sorted({(p.row, p.column) for s in shown for p in s.points})
     entries = list(np.ndindex(n, n)) if full else measured
+    if full and n == 2 and fit.model.frame == "z":  # both directions of coupling in one panel
+        entries = [(0, 0), (1, 1), (0, 1)]
     if not entries:
         raise ValueError(_NO_STIFFNESS)
-    kind = "Dynamic stiffness" if full else "Drive-point dynamic stiffness, other planes free"
+    kind = "dynamic stiffness" if full else "drive-point dynamic stiffness, other planes free"
     together = full and n > 2 and against != "square"
-    rows, columns, size = (n, n, (3.6, 2.4)) if together else (len(entries), 2, (5.4, 2.2))
-    figure, axes = sheet.grid(rows, columns, f"{kind}, {fit.model.name}", size=size, one_abscissa=True)
+    rows, columns, size = (n, n, (3.6, 2.4)) if together else (len(entries), 2, (5.4, 1.7))
+    title = f"{rig_of(fit)}: {kind}"
+    figure, axes = sheet.grid(rows, columns, title, size=size, one_abscissa=True, reads=() if together else _READS)
     for place, (row, column) in enumerate(entries):
         pair = (axes[row, column],) * 2 if together else tuple(axes[place])
         _entry(sheet, fit, shown, pair, row, column, full, against)
     for number, axis in enumerate(axes[-1]):
         axis.set_xlabel(abscissa_words(sheet, against, squared=number == 0 and not together))
+    figure.align_xlabels(axes[-1])
     point, line = {"marker": "o", "ls": "", "ms": 4}, {"lw": 1.3}
     legend: dict[str, Any] = {s.condition.name: {"color": s.condition.colour, "lw": 2} for s in shown}
     if together:
         legend |= {"direct, measured": point, "quadrature, measured": point | {"mfc": "none"}}
         legend |= {"direct, fit": line, "quadrature, fit": line | {"ls": "--"}}
-    else:
-        legend |= {"measured ± 1 sd": point, "fit and 95 % band": line}
+    elif len(shown) <= _NAMED:
+        return figure
     style.legend_below(figure, legend)
+    return figure
+
+
+@style.on_sheet
+def plot_quadrature(fit: FitResult, *, sheet: style.Sheet) -> Figure:
+    """Quadrature stiffness at the fluid's plane, or the last that was forced: the half figure of a first screen.
+
+    Its slope is the damping; it is zero where the fluid on average turns with the whirl.
+    """
+    shown = _shown(sheet, fit)
+    measured = sorted({(p.row, p.column) for s in shown for p in s.points if p.row == p.column})
+    if not measured:
+        raise ValueError(_NO_STIFFNESS)
+    full = any(p.row != p.column for s in shown for p in s.points) or len(fit.model.coordinates) == 1
+    seats = [pair for pair in measured if pair[0] in fluid_coordinates(fit.model)]
+    row, column = (seats or measured)[-1]
+    figure, ((axis,),) = sheet.grid(1, 1, "", size=style.HALF)
+    hidden = figure.add_subplot(axis.get_subplotspec())  # of the direct part, which this figure leaves out
+    _entry(sheet, fit, shown, (hidden, axis), row, column, full, "frequency")
+    hidden.remove()
+    plane = style.literal(fit.model.coordinates[row].plane)
+    unit = axis.get_title(loc="left").rpartition(", ")[2]
+    axis.set_title(f"Quadrature stiffness at {plane}, {unit}", pad=5)
+    for words in [text for text in axis.texts if text.get_gid() == style.BELOW]:
+        words.remove()  # numbers and counts, which stand elsewhere on a first screen
+    axis.set_xlabel(f"frequency of the force, {sheet.rate_unit}", labelpad=4)
     return figure
 
 
@@ -240,11 +279,15 @@ def _entry(
 ) -> None:
     lines = [_lines(fit, s, row, column, full) for s in shown]
     every = [line for several in lines for line in several]
-    points = [[p for p in s.points if (p.row, p.column) == (row, column)] for s in shown]
+    mirrored = len(fit.model.coordinates) == 2 and row != column and pair[0] is not pair[1]
+    wanted = {(row, column), (column, row)} if mirrored else {(row, column)}
+    points = [[p for p in s.points if (p.row, p.column) in wanted] for s in shown]
     values = [np.abs(np.r_[k.kappa.real, k.kappa.imag]) for k in every]
     factor, unit = style.prefix(np.concatenate(values), _unit(fit, row, column))
     together = pair[0] is pair[1]
-    for some, curves, measured in zip(shown, lines, points, strict=True):
+    _limits(pair, factor, every, [p for several in points for p in several])
+    left_out = [0, 0]
+    for rank, (some, curves, measured) in enumerate(zip(shown, lines, points, strict=True)):
         colour, speed = some.condition.colour, some.condition.speed
         for number, (axis, part) in enumerate(zip(pair, (np.real, np.imag), strict=True)):
             second, squared = number == 1 and together, number == 0 and not together
@@ -255,18 +298,58 @@ def _entry(
                 style.draw_curve(axis, x, factor * part(line.kappa), half, colour, look, zorder=_FITTED_LINES)
             for p in measured:
                 x, y = places(sheet, p.frequency, speed, against, squared=squared), factor * part(p.kappa)
-                bars = np.stack([y - factor * p.sigma, y + factor * p.sigma, np.full_like(y, np.nan)], axis=1).ravel()
-                axis.plot(np.repeat(x, 3), bars, "-", lw=0.5, color=colour, alpha=0.45, zorder=2)
-                face = "none" if second else colour
-                axis.plot(x, y, "o", ms=2, mfc=face, mec=colour, mew=0.5, alpha=0.45, zorder=2)
-    _limits(pair, factor, [line.kappa for line in every], [p.kappa for several in points for p in several])
-    name = _name(fit, row, column)
-    pair[0].set_ylabel(f"{name}, {unit}")
-    if not together:
-        pair[0].set_title("direct" if row == column == 0 else "")
-        pair[1].set_title("quadrature" if row == column == 0 else "")
-        if full and not fit.model.eccentricity_dependent:
-            _readings(sheet, fit, shown, pair, row, column, against)
+                expected = factor * part(_along(curves, p.frequency))
+                hollow = second or (p.row, p.column) != (row, column)
+                marks = style.Marks(colour=colour, marker=style.MARKERS[rank % 4], hollow=hollow)
+                # A response that is all noise looks stiffer or softer, and surer, than the fit has it.
+                size = np.abs(np.nan_to_num(_along(curves, p.frequency))) / np.abs(p.kappa)
+                sigma = factor * p.sigma * np.maximum(size, 1.0) ** 2
+                left_out[number] += style.draw_points(axis, x, y, sigma, expected, marks)
+    name, count = _name(fit, row, column), sum(p.kappa.size for several in points for p in several)
+    if together:
+        pair[0].set_ylabel(f"{name}, {unit}")
+        return
+    for number, (axis, kind) in enumerate(zip(pair, ("direct", "quadrature"), strict=True)):
+        axis.set_title(f"{name}, {kind}, {unit}", pad=13)
+        if left_out[number]:
+            style.above(axis, f"{left_out[number]} of {count} points not drawn")
+        _name_lines(sheet, axis, shown, lines, factor, (np.real, np.imag)[number], against, squared=number == 0)
+    if full and not fit.model.eccentricity_dependent:
+        _readings(sheet, fit, shown, pair, row, column, against)
+
+
+def _along(curves: Sequence[_Line], frequency: Float) -> ComplexArray:
+    """What fitted lines have at the frequencies of points, NaN where there is none."""
+    found = np.full(frequency.size, complex(np.nan, np.nan))
+    for line in curves:
+        own = (frequency >= line.frequency[0]) & (frequency <= line.frequency[-1])
+        real, imaginary = (np.interp(frequency[own], line.frequency, f(line.kappa)) for f in (np.real, np.imag))
+        found[own] = real + 1j * imaginary
+    return found
+
+
+def _name_lines(
+    sheet: style.Sheet,
+    axis: Any,
+    shown: Sequence[_Shown],
+    lines: Sequence[Sequence[_Line]],
+    factor: float,
+    part: Any,
+    against: str,
+    *,
+    squared: bool,
+) -> None:
+    """Conditions beside the ends of their lines; where all fall on one curve, that they do."""
+    if not 1 < len(shown) <= _NAMED or not all(lines):
+        return
+    last = [max(some, key=lambda line: line.frequency[-1]).kappa for some in lines]
+    ends = [factor * float(part(kappa)[-1]) for kappa in last]
+    low, high = axis.get_ylim()
+    middle = [factor * float(part(kappa)[kappa.size // 4]) for kappa in last]
+    if np.ptp(ends) < 0.02 * (high - low) and np.ptp(middle) < 0.02 * (high - low):
+        style.end_labels(axis, [("all on one", ends[0], style.GREY)], weight="normal")
+        return
+    style.end_labels(axis, [(s.condition.name, end, s.condition.colour) for s, end in zip(shown, ends, strict=True)])
 
 
 def _lines(fit: FitResult, shown: _Shown, row: int, column: int, full: bool) -> list[_Line]:
@@ -302,27 +385,25 @@ def _fitted(fit: FitResult, shown: _Shown, row: int, column: int, full: bool) ->
     return _Line(frequency=w, kappa=value, direct=bands[0], quadrature=bands[1])
 
 
-def _limits(
-    pair: tuple[Any, ...], factor: float, curves: Sequence[ComplexArray], points: Sequence[ComplexArray]
-) -> None:
-    """Axes hold the fit and the middle half of the data, not all of these.
-
-    Near zero frequency an unbalance force leaves error bars taller than the rotor is stiff; and about an entry that is
-    nearly zero all data scatter further than the fit reaches.
-    """
-    size = max(float(np.abs(k).max()) for k in curves)
-    drawn = [(axis, part) for axis, part in zip(pair, (np.real, np.imag), strict=True)]
+def _limits(pair: tuple[Any, ...], factor: float, curves: Sequence[_Line], points: Sequence[Points]) -> None:
+    """Axes hold the fit with its band, not the scatter of the data; of a constant, what its readings scatter by."""
+    size = max(float(np.abs(line.kappa).max()) for line in curves)
+    sigma = factor * np.concatenate([np.zeros(0), *(p.sigma for p in points)])
+    least = 6 * float(np.quantile(sigma, 0.25)) if sigma.size else 0.0  # of readings that tell it well
     for axis in dict.fromkeys(pair):
-        shown, measured = (
-            factor * np.concatenate([np.zeros(0), *(part(k) for own, part in drawn if own is axis for k in which)])
-            for which in (curves, points)
-        )
-        middle = np.quantile(measured, (0.25, 0.75)) if measured.size else shown[:1]
-        low, high = float(min(shown.min(), middle.min())), float(max(shown.max(), middle.max()))
-        reach = max(high - low, 0.25 * max(abs(low), abs(high)))
-        if reach <= 1e-6 * factor * size:
-            reach = factor * size or 1.0  # an entry that the model does not have, and no data to compare with
-        axis.set_ylim(low - 0.25 * reach, high + 0.25 * reach)
+        ends = [
+            factor * (value + side * half)
+            for own, number in zip(pair, (0, 1), strict=True)
+            if own is axis
+            for line in curves
+            for value, half in [(line.kappa.imag, line.quadrature) if number else (line.kappa.real, line.direct)]
+            for side in (-1, 1)
+        ]
+        both = np.concatenate(ends)
+        low, high = float(both.min()), float(both.max())
+        reach = max(high - low, least, 1e-6 * factor * size) or 1.0
+        middle, half = (low + high) / 2, reach * (0.5 + 0.12)
+        axis.set_ylim(middle - half, middle + half)
 
 
 def _readings(
@@ -341,35 +422,26 @@ def _readings(
     theta = fit.thetas
     condition = shown[-1].condition
     speed = 0.0 if np.isnan(condition.speed) else condition.speed
-    where = f"{condition.name}:\n" if len(shown) > 1 else ""
     C = fit.model.coefficients(theta[condition.group], speed)[:, row, column]
+    others = [
+        fit.model.coefficients(theta[s.condition.group], np.nan_to_num(s.condition.speed))[:, row, column]
+        for s in shown[:-1]
+    ]
+    # Of which condition a coefficient is, where others have another.
+    where = ["" if all(np.isclose(other[k], C[k], rtol=1e-6) for other in others) else f", {condition.name}"
+             for k in range(len(C))]  # fmt: skip
     stiffness, unit = style.prefix(np.array([C[0].real]), _unit(fit, row, column))
-    direct = f"at 0: {_symbols(fit, 0, row, column)}{style.number_words(C[0].real * stiffness)} {unit}"
+    direct = f"at 0{where[0]}: {_symbols(fit, 0, row, column)}{style.number_words(C[0].real * stiffness)} {unit}"
     if len(C) > 2 and abs(C[2].real) > 0:
         named = "−slope" if against == "square" else "−curvature/2"
         mass = ("kg", "kg m", "kg m²")[[fit.model.coordinates[k].axis for k in (row, column)].count("r")]
-        direct += f"\n{named}: {_symbols(fit, 2, row, column)}{style.number_words(C[2].real)} {mass}"
+        direct += f"    {named}: {_symbols(fit, 2, row, column)}{style.number_words(C[2].real)} {mass}"
     damping = _unit(fit, row, column).replace("N", "N s", 1)
-    quadrature = f"slope: {style.number_words(C[1].real)} {damping}" if abs(C[1].real) > 0 else ""
-    box = {"boxstyle": "round,pad=0.25", "facecolor": "white", "edgecolor": "0.8", "alpha": 0.85}
+    quadrature = f"slope{where[1]}: {style.number_words(C[1].real)} {damping}" if abs(C[1].real) > 0 else ""
     for axis, text in zip(pair, (direct, quadrature), strict=True):
         if text:
-            side, x = _clear_side(axis)
-            axis.text(
-                x, 0.04, where + text, transform=axis.transAxes, fontsize=7, va="bottom", ha=side, bbox=box, zorder=5
-            )
+            style.below(axis, text)
     _mark_whirl(sheet, fit, shown, pair[1], row, column, against)
-
-
-def _clear_side(axis: Any) -> tuple[str, float]:
-    """Where along the lower edge a box hides least of the fit: its alignment and place, in parts of the axis."""
-    fits = [line.get_xydata() for line in axis.lines if line.get_zorder() == _FITTED_LINES]
-    at = axis.transAxes.inverted().transform(axis.transData.transform(np.concatenate(fits)))
-    extent = (0.46, 0.28)  # width and height of the boxes of readings, generously, in parts of an axis
-    low = at[at[:, 1] < extent[1], 0]
-    begins = {"left": 0.02, "center": 0.5 - extent[0] / 2, "right": 0.98 - extent[0]}
-    side = min(begins, key=lambda name: int(np.sum((low > begins[name]) & (low < begins[name] + extent[0]))))
-    return side, {"left": 0.02, "center": 0.5, "right": 0.98}[side]
 
 
 def _symbols(fit: FitResult, power: int, row: int, column: int) -> str:
@@ -394,29 +466,27 @@ def _mark_whirl(
     if row != column or row != len(fit.model.coordinates) - 1 or not {"D", "lam"} <= set(names):
         return
     theta = fit.thetas
-    axis.axhline(0, color="0.6", lw=0.7, zorder=1)
-    marked: dict[float, tuple[str, str]] = {}
+    axis.axhline(0, color=style.AXES, lw=0.8, zorder=1)
+    marked: list[tuple[float, str, str]] = []
     for some in shown:
         condition = some.condition
         whirl = theta[condition.group][names.index("lam")] * condition.speed
         if np.isfinite(whirl) and some.low < whirl < some.high:
             at = float(places(sheet, np.array(whirl), condition.speed, against, squared=False))
             text = f"λΩ = {sheet.rate_words(whirl)}" if against != "ratio" else f"λ = {significant(at, 4)}"
-            marked.setdefault(round(at, 9), (text, condition.colour))
-    for at, (_, colour) in marked.items():
-        axis.axvline(at, color=colour, lw=0.9, ls=":", zorder=1)
-    labels = {text: (at, colour) for at, (text, colour) in sorted(marked.items(), reverse=True)}
-    most = 4  # labels that find room above one another, and above the box of the slope
-    ordered = sorted((at, text, colour) for text, (at, colour) in labels.items())
+            marked.append((at, text, condition.colour))
+            axis.plot(at, 0, "D", ms=4.5, mfc="white", mec=condition.colour, mew=1.2, zorder=5)
+    if not marked or len(marked) > _NAMED:
+        return
     low, high = axis.get_xlim()
-    for number, which in enumerate(np.unique(np.linspace(0, len(ordered) - 1, most).astype(int)) if ordered else ()):
-        at, text, colour = ordered[which]
-        side = "left" if at - low < 0.6 * (high - low) else "right"
-        place = {"xy": (at, 0.97 - 0.1 * number), "xycoords": ("data", "axes fraction"), "ha": side}
-        box = {"facecolor": "white", "alpha": 0.6, "lw": 0, "pad": 0.3}
-        look = {"fontsize": 7, "color": colour, "va": "top", "bbox": box, "zorder": 4}
-        apart = 4 if side == "left" else -4
-        axis.annotate(text, xytext=(apart, 0), textcoords="offset points", **place, **look)
+    for number, (at, text, colour) in enumerate(sorted(marked)):
+        # Below and at the right of lines that rise nothing else is drawn.
+        axis.annotate(
+            text, (at, 0), (at, 0.07 + 0.14 * number), textcoords=("data", "axes fraction"),
+            ha="right" if at > low + 0.75 * (high - low) else "left", va="center", fontsize=style.SMALL_TYPE,
+            color=colour, zorder=6, path_effects=style.halo(),
+            arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.7, "shrinkB": 3, "relpos": (0, 1)},
+        )  # fmt: skip
 
 
 def _unit(fit: FitResult, row: int, column: int) -> str:
@@ -431,4 +501,4 @@ def _name(fit: FitResult, row: int, column: int) -> str:
         return "κ"
     first, second = fit.model.coordinates[row], fit.model.coordinates[column]
     short = [c.plane if c.axis == "z" else f"{c.plane}.{c.axis}" for c in (first, second)]
-    return style.literal(f"κ {short[0]}–{short[1]}")
+    return style.literal(f"{short[0]} – {short[1]}")

@@ -11,6 +11,7 @@ from rotorfit.base.array_types import Index
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.models.coefficient_tables import changing_fluid, law_curves
 from rotorfit.show.plots import journal, style
+from rotorfit.show.plots.journal import rig_of
 from rotorfit.show.plots.sweeps import levels
 
 
@@ -25,7 +26,7 @@ def plot_law(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     eps = np.linspace(0.0, limit + 0.15 * min(limit, 1 - limit), 200)
     series = journal.law_series(fit)
     sets = [law_curves(fit.model, fit.thetas[group], eps, speed) for group, speed in series]
-    figure, axes = sheet.grid(len(sets[0]), 1, f"Fluid against eccentricity, {fit.model.name}", size=(5.6, 2.2))
+    figure, axes = sheet.grid(len(sets[0]), 1, f"{rig_of(fit)}: fluid against eccentricity", size=(5.6, 2.2))
     seen = eps <= limit
     for place, axis in enumerate(axes[:, 0]):
         curves = [curves[place] for curves in sets]
@@ -67,9 +68,7 @@ def plot_nonlinear_stiffness(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     names = list(dict.fromkeys(name for name, _, _ in sweeps))
     size = np.concatenate([np.abs(lines.stiffness - lines.linear) for lines in blocks])
     factor, unit = style.prefix(np.array([np.quantile(size, 0.9)]), "N/m")
-    figure, axes = sheet.grid(
-        2, 2, f"Nonlinear minus linear stiffness at the journal, {fit.model.name}", size=(5.0, 2.7)
-    )
+    figure, axes = sheet.grid(2, 2, f"{rig_of(fit)}: nonlinear minus linear stiffness at the journal", size=(5.0, 2.7))
     for name, lines, rows in sweeps:
         _draw_sweep(sheet, fit, axes, lines, rows, style.colour_of(names.index(name), len(names)), factor)
     for row, part in enumerate(("direct", "quadrature")):

@@ -109,10 +109,10 @@ def plot_profile(profile: Any, *, sheet: style.Sheet) -> Figure:
         x = np.linspace(values[0], values[-1], 200)
         parabola = ((x / factor - profile.value) / error) ** 2
         axis.plot(x, parabola, color=style.GREY, ls="--", lw=1.0, label="standard error")
-    axis.axhline(profile.goal, color=style.COLOURS[1], lw=0.9, label="level of the interval")
+    axis.axhline(profile.goal, color=style.CRITICAL, lw=0.9, label="level of the interval")
     for end in profile.interval:
         if np.isfinite(end):
-            axis.axvline(end * factor, color=style.COLOURS[1], lw=0.9, ls=":")
+            axis.axvline(end * factor, color=style.CRITICAL, lw=0.9, ls=":")
     axis.set_ylim(0, 1.15 * max(profile.goal, float(rise[np.isfinite(rise)].max(initial=0.0))))
     axis.set(xlabel=style.labelled(profile.name.replace("_", " "), unit), ylabel="rise of chi-squared")
     axis.legend(loc="upper center")

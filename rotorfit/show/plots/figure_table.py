@@ -9,6 +9,7 @@ import numpy as np
 
 from rotorfit.estimators.blocks.observations import Block, Responses, read_at_the_force
 from rotorfit.estimators.starting.force_balance import stiffness_matrices
+from rotorfit.identify.fitting.headline import leads_of
 from rotorfit.identify.fitting.result import FitResult
 
 
@@ -47,8 +48,8 @@ def _stiffness_measured(block: Responses) -> bool:
 
 
 _TO_FORCE = "Responses to a unit force. Points: measured. Lines: fit, with its 95 % band."
-_POLAR = "Responses to a unit force. Points: measured, open ones backward. Lines: fit; crosses: frequencies in rpm."
-_BAND = "Residuals over their noise; noise alone would leave 95 % of them in the grey band."
+_POLAR = "Responses to a unit force. Points: measured, open ones backward. Lines: fit; circles: frequencies in rpm."
+_BAND = "Residuals over their noise; noise alone would leave 95 % of them between the dashed lines."
 
 FIGURES: tuple[ReportFigure, ...] = (
     ReportFigure(
@@ -118,3 +119,22 @@ def figures_of(fit: FitResult) -> list[ReportFigure]:
     """Figures that show the data of a fit, in their order."""
     kinds = {kind for block in fit.problem.blocks for kind in _kinds(block)}
     return [figure for figure in FIGURES if figure.kinds & kinds]
+
+
+def first_figures(fit: FitResult, *, good: bool) -> list[tuple[str, str]]:
+    """The two half figures of a first screen, each the method of ``fit.plot`` and what it shows.
+
+    What the numbers of a rotor stand on is its quadrature stiffness, and how far it is from unstable; of a seal the
+    stiffness over whirl frequency and the whirl frequency ratio. Of a fit that is not good the second is its misfit.
+    """
+    kinds = {kind for block in fit.problem.blocks for kind in _kinds(block)}
+    found = []
+    if "responses" in kinds:
+        found.append(("quadrature", "Quadrature stiffness against frequency"))
+    if "coefficients" in leads_of(fit) and fit.speeds.any():
+        found.append(("whirl_ratio", "Whirl frequency ratio against speed"))
+    elif fit.model.speed_dependent and not fit.model.turns and fit.success:
+        found.append(("damping", "Damping ratio of the whirl modes against speed"))
+    if not good and "responses" in kinds:
+        found = [*found[:1], ("misfit", "Residuals over their noise against frequency")]
+    return found

@@ -10,15 +10,16 @@ from matplotlib.figure import Figure
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.show.plots.beyond_onset import plot_side_load, plot_whirl
 from rotorfit.show.plots.bode import plot_bode, plot_drive_point
-from rotorfit.show.plots.coefficients import coefficients, frequency_coefficients
-from rotorfit.show.plots.dynamic_stiffness import plot_dynamic_stiffness
+from rotorfit.show.plots.budget import plot_budget
+from rotorfit.show.plots.coefficients import coefficients, frequency_coefficients, whirl_ratio
+from rotorfit.show.plots.dynamic_stiffness import plot_dynamic_stiffness, plot_quadrature
 from rotorfit.show.plots.eccentricity import plot_law, plot_nonlinear_stiffness
 from rotorfit.show.plots.figure_keywords import PlotKeywords
 from rotorfit.show.plots.figure_table import figures_of
 from rotorfit.show.plots.modal import plot_mode_shapes, plot_stabilisation
-from rotorfit.show.plots.responses import plot_polar, plot_residuals
+from rotorfit.show.plots.responses import plot_misfit, plot_polar, plot_residuals
 from rotorfit.show.plots.shaft_lines import plot_lines
-from rotorfit.show.plots.stability import plot_stability
+from rotorfit.show.plots.stability import plot_damping, plot_stability
 from rotorfit.show.plots.static_and_impulse import plot_static_locus, plot_static_stiffness, plot_velocity_ratio
 
 
@@ -110,6 +111,34 @@ class FitPlots:
         """Eigenvalues against speed, threshold with its interval; ``beside``, of :meth:`rotorfit.FitResult.what_if`, is
         drawn dashed; ``ax`` and ``unit`` as for :meth:`bode`."""
         return plot_stability(self._fit, beside=beside, **look)
+
+    def quadrature(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Quadrature stiffness at the fluid's plane against frequency; ``ax`` and ``unit`` as for :meth:`bode`."""
+        return plot_quadrature(self._fit, **look)
+
+    def damping(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Damping ratio of the whirl modes against speed; ``ax`` and ``unit`` as for :meth:`bode`."""
+        return plot_damping(self._fit, **look)
+
+    def budget(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """What the error of each result is made of; ``ax`` and ``unit`` as for :meth:`bode`.
+
+        Raises:
+            ValueError: a fit without causes, whose errors are all noise.
+
+        Example:
+            >>> len(fit.plot.budget().axes)
+            1
+        """
+        return plot_budget(self._fit, **look)
+
+    def misfit(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """All residuals over their noise in one panel; ``ax`` and ``unit`` as for :meth:`bode`."""
+        return plot_misfit(self._fit, **look)
+
+    def whirl_ratio(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Whirl frequency ratio of a seal or bearing against speed; ``ax`` and ``unit`` as for :meth:`bode`."""
+        return whirl_ratio(self._fit.coefficient_table(), **look)
 
     def whirl(self, *, max_speed_rpm: float | None = None, group: int = 0, **look: Unpack[PlotKeywords]) -> Figure:
         """Radius and frequency of the whirl that the rotor keeps up beyond its threshold, against speed, with a band.

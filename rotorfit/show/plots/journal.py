@@ -14,11 +14,13 @@ from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.blocks.response import probe_factors
 from rotorfit.estimators.inference.covariance import standard_error
+from rotorfit.identify.fitting.headline import rig_name
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.summary import natural
 from rotorfit.models import RotorModel
 from rotorfit.models.coefficient_tables import law_changes_with_speed
 from rotorfit.models.motion.journal import journal, line_stiffness
+from rotorfit.show.plots.style import literal
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -117,6 +119,11 @@ def reach(fit: FitResult) -> float:
     if largest <= 0:
         raise ValueError("no data of this fit tell an eccentricity of the journal: there is nothing to plot")
     return largest
+
+
+def rig_of(fit: FitResult) -> str:
+    """The rig's name for matplotlib, as titles begin."""
+    return literal(rig_name(fit))
 
 
 def group_label(fit: FitResult, group: int) -> str:

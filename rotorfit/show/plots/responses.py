@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import cycle
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from rotorfit.base.array_types import ComplexArray, Float
+from rotorfit.base.array_types import ComplexArray
 from rotorfit.base.digits import significant
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.experiments import PerturbationTest
@@ -16,29 +17,49 @@ from rotorfit.models import RotorModel
 from rotorfit.show.plots.bode import (
     cell_title,
     condition_legend,
-    direction_marks,
     frequency_label,
     panels_of,
     response_unit,
 )
-from rotorfit.show.plots.style import GREY, SMALL_TYPE, Sheet, on_sheet, square_axis
+from rotorfit.show.plots.journal import rig_of
+from rotorfit.show.plots.style import (
+    AXES,
+    GREY,
+    HALF,
+    MARKERS,
+    SMALL_TYPE,
+    Sheet,
+    halo,
+    on_sheet,
+    opacity_of,
+    shades,
+    square_axis,
+)
 from rotorfit.show.plots.sweeps import SweepCondition, SweepCurve, curves, joined, measured_curves
+
+_POLAR = (
+    "Angle: lead of the probe over a force along it. Points: measured, open ones backward, paler where less certain.",
+    "Circles: frequency of the force, with its number.",
+)
+_RESIDUALS = (
+    "Points: real part, crosses: imaginary part. Noise alone leaves 95 % of them between the dashed lines at 2 and −2.",
+)
 
 
 @on_sheet
 def plot_polar(fit: FitResult, *, sheet: Sheet) -> Figure:
     """Responses per unit force in the complex plane; filled points forward, open points backward.
 
-    Angles are phase leads of the probe, forward and backward alike. Crosses along the fitted lines are at round
+    Angles are phase leads of the probe, forward and backward alike. Circles along the fitted lines are at round
     frequencies, in rpm, signed.
     """
     conditions, found = curves(fit, sheet)
-    return _polar(sheet, fit.model, conditions, found, f"Polar plot, {fit.model.name}", "fit")
+    return _polar(sheet, fit.model, conditions, found, f"{rig_of(fit)}: polar responses and the fit", "fit")
 
 
 @on_sheet
 def plot_measured_polar(test: PerturbationTest, *, sheet: Sheet) -> Figure:
-    """The same of a test before a fit; lines and crosses lead from reading to reading."""
+    """The same of a test before a fit; lines and circles lead from reading to reading."""
     return _polar(sheet, *measured_curves(test, sheet), "Measured responses", "")
 
 
@@ -50,27 +71,30 @@ def _polar(
     title: str,
     line: str,
 ) -> Figure:
-    figure, panels, _ = panels_of(sheet, found, title, rows=1, size=(4.4, 3.9))
+    figure, panels, _ = panels_of(sheet, found, title, rows=1, size=(4.4, 2.3), reads=_POLAR)
     for curve in found:
         (axis,) = panels[curve.coordinate, curve.force_plane]
         colour = curve.condition.colour
         factor, _ = response_unit(sheet, model, curve.coordinate, found)
-        face = colour if curve.frequency[-1] > 0 else "none"
         z, fitted = factor * curve.seen, factor * _round(curve)
-        axis.plot(z.real, z.imag, "o", ms=3, mfc=face, mec=colour, mew=0.6, alpha=0.5)
-        axis.plot(fitted.real, fitted.imag, "-", lw=1.1, color=colour)
+        shade = shades(colour, opacity_of(curve.uncertainty))
+        shown = shade[:, 3] > 0
+        look: dict[str, Any] = {"s": 8, "marker": curve.condition.marker, "linewidths": 0, "c": shade[shown]}
+        if curve.frequency[-1] < 0:
+            look |= {"linewidths": 0.6, "c": None, "facecolors": "none", "edgecolors": shade[shown]}
+        axis.scatter(z.real[shown], z.imag[shown], **look)
+        axis.plot(fitted.real, fitted.imag, "-", lw=1.2, color=colour)
     for pair, (axis,) in panels.items():
         mine = [c for c in found if (c.coordinate, c.force_plane) == pair]
         factor, unit = response_unit(sheet, model, pair[0], found)
         axis.set_title(cell_title(model, *pair))
         axis.set(xlabel=f"in phase, {unit}", ylabel=f"quadrature, {unit}", aspect="equal")
-        axis.axhline(0, color="0.7", lw=0.6)
-        axis.axvline(0, color="0.7", lw=0.6)
+        axis.axhline(0, color=AXES, lw=0.7, zorder=1)
+        axis.axvline(0, color=AXES, lw=0.7, zorder=1)
         every = np.asarray(factor * np.concatenate([*(c.line_seen for c in mine), np.zeros(1)]), dtype=complex)
         square_axis(axis, every, 1.28)  # and numbers beside the curve; noise of low frequencies may lie outside
         _mark_frequencies(sheet, axis, mine, factor)
-    marks = direction_marks(found, "o") | {f"frequency in {sheet.rate_unit}": ("x", GREY)}
-    condition_legend(figure, conditions, line, marks)
+    condition_legend(figure, conditions, line)
     return figure
 
 
@@ -86,7 +110,7 @@ def _round(curve: SweepCurve) -> ComplexArray:
 
 
 def _mark_frequencies(sheet: Sheet, axis: Any, found: Sequence[SweepCurve], factor: float) -> None:
-    """Crosses at round frequencies on the fitted lines, each with its number where it hides least."""
+    """Circles at round frequencies on the fitted lines, each with its number where it hides least."""
     from matplotlib.ticker import MaxNLocator
 
     top = max(float(np.abs(c.fine).max()) for c in found) * sheet.per_rad_s
@@ -103,7 +127,7 @@ def _mark_frequencies(sheet: Sheet, axis: Any, found: Sequence[SweepCurve], fact
             z = factor * complex(np.interp(rpm, x, curve.line_seen.real), np.interp(rpm, x, curve.line_seen.imag))
             if all(abs(z - other) > apart * reach for other in placed):
                 placed.append(z)
-                axis.plot(z.real, z.imag, "x", ms=4.5, mew=1.1, color="black", zorder=5)
+                axis.plot(z.real, z.imag, "o", ms=3.6, mfc="white", mec=curve.condition.colour, mew=1.1, zorder=5)
                 words = significant(rpm, 4).replace("-", "−")
                 right, up, drawn = _clear_corner(axis, z, len(words), drawn)
                 axis.annotate(
@@ -115,6 +139,7 @@ def _mark_frequencies(sheet: Sheet, axis: Any, found: Sequence[SweepCurve], fact
                     va="bottom" if up > 0 else "top",
                     fontsize=SMALL_TYPE,
                     color=curve.condition.colour,
+                    path_effects=halo(),
                     zorder=5,
                 )
 
@@ -140,31 +165,42 @@ def _clear_corner(axis: Any, z: complex, letters: int, drawn: ComplexArray) -> t
 
 @on_sheet
 def plot_residuals(fit: FitResult, *, sheet: Sheet) -> Figure:
-    """Residuals over their noise against frequency, with the band of two standard deviations, and their histogram."""
+    """Residuals over their noise against frequency, with lines at two standard deviations, a panel a response."""
     conditions, found = curves(fit, sheet)
-    title = f"Residuals over noise, {fit.model.name}: redchi {significant(fit.redchi, 3)}"
-    figure, panels, _ = panels_of(sheet, found, title, rows=2, size=(5.2, 1.6))
+    title = f"{rig_of(fit)}: residuals over noise, redchi {significant(fit.redchi, 3)}"
+    figure, panels, bottom = panels_of(sheet, found, title, rows=1, size=(5.2, 1.6), reads=_RESIDUALS)
     for curve in joined(found):
-        axis, _ = panels[curve.coordinate, curve.force_plane]
-        x = curve.frequency * sheet.per_rad_s
-        axis.plot(x, curve.whitened.real, ".", ms=2.5, color=curve.condition.colour, alpha=0.7)
-        axis.plot(x, curve.whitened.imag, "x", ms=2.5, mew=0.6, color=curve.condition.colour, alpha=0.7)
-    for pair, (axis, histogram) in panels.items():
+        (axis,) = panels[curve.coordinate, curve.force_plane]
+        x, look = curve.frequency * sheet.per_rad_s, {"color": curve.condition.colour, "alpha": 0.7}
+        axis.plot(x, curve.whitened.real, curve.condition.marker, ms=2.4, mew=0, **look)
+        axis.plot(x, curve.whitened.imag, "x", ms=2.4, mew=0.6, **look)
+    largest = max(3.5, 1.05 * max(float(np.abs(c.whitened.view(float)).max(initial=0.0)) for c in found))
+    for pair, (axis,) in panels.items():
         axis.set_title(cell_title(fit.model, *pair))
-        axis.set(ylabel="residual / noise", xlabel=frequency_label(sheet, found))
-        axis.axhspan(-2, 2, color="0.93", zorder=0)
-        mine = np.concatenate([c.whitened for c in found if (c.coordinate, c.force_plane) == pair])
-        _histogram(histogram, np.concatenate([mine.real, mine.imag]))
-    condition_legend(figure, conditions, "", {"real part": (".", GREY), "imaginary part": ("x", GREY)})
+        axis.set(ylabel="residual / noise", ylim=(-largest, largest))
+        for level in (-2, 2):
+            axis.axhline(level, color=GREY, lw=0.9, ls=(0, (4, 2)), zorder=1)
+    for axis in bottom:
+        axis.set_xlabel(frequency_label(sheet, found))
+    condition_legend(figure, conditions, "")
     return figure
 
 
-def _histogram(axis: Any, values: Float) -> None:
-    reach = max(4.0, min(float(np.quantile(np.abs(values), 0.99)) * 1.2, 40.0))
-    height, edges = np.histogram(np.clip(values, -reach, reach), bins=61, range=(-reach, reach), density=True)
-    axis.stairs(height, edges, fill=True, color="0.75")
-    u = np.linspace(-reach, reach, 400)
-    axis.plot(u, np.exp(-(u**2) / 2) / np.sqrt(2 * np.pi), color="#D55E00", lw=1.2)
-    axis.set_xlabel("residual / noise (line: noise alone)")
-    axis.set_yticks([])
-    axis.grid(visible=False)
+@on_sheet
+def plot_misfit(fit: FitResult, *, sheet: Sheet) -> Figure:
+    """All residuals over their noise against frequency in one panel: the half figure of a fit that is not good."""
+    conditions, found = curves(fit, sheet)
+    figure, ((axis,),) = sheet.grid(1, 1, "", size=HALF)
+    axis.set_title("Residuals over their noise")
+    marks = dict(zip([c.name for c in conditions], cycle(MARKERS), strict=False))
+    for curve in joined(found):
+        x = np.tile(curve.frequency * sheet.per_rad_s, 2)
+        look = {"marker": marks[curve.condition.name], "ls": "", "ms": 2.2, "alpha": 0.6, "mew": 0}
+        both = np.concatenate([curve.whitened.real, curve.whitened.imag])
+        axis.plot(x, both, color=curve.condition.colour, label=curve.condition.name, **look)
+    for level in (-2, 2):
+        axis.axhline(level, color=GREY, lw=0.9, ls=(0, (4, 2)))
+    axis.set_xlabel(frequency_label(sheet, found))
+    axis.text(0.99, 0.98, "noise alone: 95 % between the dashed lines", transform=axis.transAxes, ha="right", va="top",
+              fontsize=SMALL_TYPE, color=GREY, path_effects=halo())  # fmt: skip
+    return figure

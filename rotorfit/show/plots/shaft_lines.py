@@ -20,6 +20,7 @@ from rotorfit.models import eigenvalues
 from rotorfit.models.shafts.combination_lines import line_order
 from rotorfit.show.plots import style
 from rotorfit.show.plots.bode import broken_phase
+from rotorfit.show.plots.journal import rig_of
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -180,7 +181,7 @@ def turning_stability(sheet: style.Sheet, fit: FitResult) -> Figure:
     edges = [speed for band in bands for speed in band]
     speeds = np.unique(np.concatenate([np.linspace(0.0, top, 600), *(v * np.linspace(0.99, 1.01, 41) for v in edges)]))
     s = eigenvalues(model, np.broadcast_to(theta, (speeds.size, theta.size)), speeds)
-    figure, axes = sheet.grid(1, 2, f"Stability, {style.literal(model.name)}", size=(3.54, 2.8))
+    figure, axes = sheet.grid(1, 2, f"{rig_of(fit)}: stability over speed", size=(3.54, 2.8))
     growth, whirl = axes[0]
     rpm = speeds * sheet.per_rad_s
     growth.plot(rpm, np.sort(s.real, axis=1), color=style.COLOURS[0], lw=1.3)
@@ -194,7 +195,7 @@ def turning_stability(sheet: style.Sheet, fit: FitResult) -> Figure:
         axis.set_xlabel(f"rotative speed, {sheet.rate_unit}")
         axis.set_xlim(0, rpm[-1])
         for low, high in bands:
-            axis.axvspan(low * sheet.per_rad_s, high * sheet.per_rad_s, color=style.COLOURS[1], alpha=0.2, lw=0)
+            axis.axvspan(low * sheet.per_rad_s, high * sheet.per_rad_s, color=style.CRITICAL, alpha=0.2, lw=0)
         mark_speeds(sheet, axis, tested)
     ranges = ", ".join(f"{low * sheet.per_rad_s:.0f} to {sheet.rate_words(high)}" for low, high in bands)
     entries: dict[str, Any] = {
@@ -203,7 +204,7 @@ def turning_stability(sheet: style.Sheet, fit: FitResult) -> Figure:
         "tested speed": {"color": "black", "marker": "^", "ls": ""},
     }
     style.legend_below(
-        figure, entries | ({f"unstable, {ranges}": Patch(color=style.COLOURS[1], alpha=0.2)} if bands else {})
+        figure, entries | ({f"unstable, {ranges}": Patch(color=style.CRITICAL, alpha=0.2)} if bands else {})
     )
     return figure
 

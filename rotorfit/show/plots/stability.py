@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 
 from rotorfit.base.array_types import ComplexArray, Float, Index
-from rotorfit.base.digits import interval as interval_words
-from rotorfit.base.digits import with_error
+from rotorfit.base.digits import significant, with_error
 from rotorfit.base.matching import cheapest_rows
 from rotorfit.identify.fitting.causes.slopes import eigenvalue_slopes
 from rotorfit.identify.fitting.propagation import theta_at
@@ -19,67 +18,90 @@ from rotorfit.identify.fitting.result import FitResult
 from rotorfit.models import eigenvalues
 from rotorfit.models.motion.stability import whirls_forward
 from rotorfit.show.plots import style
-from rotorfit.show.plots.journal import group_label, speeds_of
-from rotorfit.show.plots.shaft_lines import mark_speeds, turning_stability
+from rotorfit.show.plots.journal import group_label, rig_of, speeds_of
+from rotorfit.show.plots.shaft_lines import turning_stability
 
-_THRESHOLD = style.COLOURS[1]
-_MODES = tuple(c for c in style.COLOURS if c != _THRESHOLD)
-"""Colours of modes: all but the threshold's."""
+_OVERDAMPED = 0.99
+"""Damping ratio from which a mode no longer oscillates and has no decrement."""
+
+_LINEAR = 0.06
+"""Damping ratio up to which its axis is about linear; beyond it is logarithmic."""
+
+_READS = (
+    "F forward, solid and warm; B backward, dashed and cool; thick: the mode that goes unstable. Numbers: frequency at",
+    "the highest tested speed. Circles: fitted modes at tested speeds. Band at the threshold: its 95 % interval.",
+)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Modes:
+    """Modes of a group over speed, followed by continuity, and what stands beside them."""
+
+    speeds: Float  # rad/s, shape ``(S,)``
+    s: ComplexArray  # eigenvalues, shape ``(S, modes)``
+    names: tuple[str, ...]  # 1F, 2F, ..., 1B, ... by frequency at the highest tested speed
+    named_at: int  # place of that speed
+    tested: Float  # rad/s
+    onset: Quantity | None  # rad/s
+
+    @property
+    def damping(self) -> Float:
+        """Damping ratios, shape ``(S, modes)``."""
+        return np.asarray(-self.s.real / np.where(np.abs(self.s) > 0, np.abs(self.s), np.nan))
+
+    @property
+    def critical(self) -> int | None:
+        """The mode that goes unstable first; none where none does."""
+        if self.onset is None:
+            return None
+        at = int(np.argmin(np.abs(self.speeds - self.onset.value)))
+        ratios = np.where(np.isfinite(self.damping[at]), np.abs(self.damping[at]), np.inf)
+        return int(np.argmin(ratios))
+
+    def look(self, mode: int) -> dict[str, Any]:
+        """Colour, style and width of a mode's line."""
+        number, way = int(self.names[mode][:-1]) - 1, self.names[mode][-1]
+        if mode == self.critical:
+            return {"color": style.CRITICAL, "lw": 2.6, "ls": "-" if way == "F" else (0, (4, 2)), "zorder": 3}
+        others = [m for m in range(len(self.names)) if self.names[m][-1] == way and m != self.critical]
+        rank = others.index(mode) if mode in others else number
+        colours = [c for c in (style.FORWARD if way == "F" else style.BACKWARD) if c != style.CRITICAL]
+        colour = colours[rank % len(colours)]
+        return {"color": colour, "lw": 1.5, "ls": "-" if way == "F" else (0, (4, 2)), "zorder": 2.5}
 
 
 @style.on_sheet
 def plot_stability(fit: FitResult, *, sheet: style.Sheet, group: int = 0, beside: FitResult | None = None) -> Figure:
-    """Modes against rotative speed, with the threshold and its 95 % interval.
+    """Frequency and damping of the modes against rotative speed, with the threshold and its 95 % interval.
 
-    Growth rate and damped frequency above, damping ratio and logarithmic decrement below; ``beside`` is drawn dashed.
+    The axis of damping ratios is linear near zero and logarithmic above; the logarithmic decrement is its second
+    scale. ``beside`` is drawn dotted.
     """
     if fit.model.turns:
         return turning_stability(sheet, fit)
-    onset, tested = _onset_shown(fit, group), _tested_speeds(fit, group)
-    # Shows the threshold with some room, or the tested speeds where there is none.
-    fastest = max(float(np.max(experiment.speed, initial=0.0)) for experiment in fit.experiments)
-    top = 1.5 * max(fastest, 1.0) if onset is None else 1.25 * max(onset.value, fastest)
-    other = _onset_shown(beside, group)
-    top = top if other is None else max(top, min(1.1 * other.value, 2.5 * top))
-    speeds = np.union1d(np.linspace(0.0, top, 400), tested[-1:])  # at which the legend and tables name frequencies
-    named_at = int(np.argmin(np.abs(speeds - tested.max(initial=0.0))))
-    s, x = _modes(fit, group, speeds, named_at), speeds * sheet.per_rad_s
+    modes = _followed(fit, group, beside)
     label = group_label(fit, group)
-    title = f"Stability, {fit.model.name}" + (f", {style.literal(label)}" if label else "")
-    figure, axes = sheet.grid(2, 2, title, size=(5.4, 2.6))
-    _draw_modes(sheet, axes, x, s)
+    title = f"{rig_of(fit)}: stability over speed" + (f", {style.literal(label)}" if label else "")
+    figure, axes = sheet.grid(1, 2, title, size=(3.54, 2.75), reads=_READS if modes.s.size else ())
+    frequency, damping = axes[0]
+    _campbell(sheet, frequency, modes)
+    _damping(sheet, damping, modes)
+    for axis in axes[0]:
+        _beside(sheet, axis, modes)
     if beside is not None:
-        _draw_modes(sheet, axes, x, _modes(beside, group, speeds, named_at), ls="--", lw=1.1)
-    for axis in axes.flat:
-        axis.set(xlabel=f"rotative speed, {sheet.rate_unit}", xlim=(0, x[-1]))
-        mark_speeds(sheet, axis, tested.tolist())
-        if other is not None:
-            axis.axvline(other.value * sheet.per_rad_s, color=_THRESHOLD, lw=1.1, ls="--")
-        if onset is not None:
-            axis.axvline(onset.value * sheet.per_rad_s, color=_THRESHOLD, lw=1.4)
-            if np.isfinite(onset.stderr):
-                low, high = (end * sheet.per_rad_s for end in onset.interval(0.95))
-                axis.axvspan(low, high, color=_THRESHOLD, alpha=0.3, lw=0)
-    frequency = axes[0, 1]
-    frequency.plot(x, x, "--", color="0.6", lw=0.9)
-    span = np.nanmax(np.abs(s.imag), initial=0.0)
-    frequency.set_ylim(-1.1 * span * sheet.per_rad_s, 1.1 * span * sheet.per_rad_s)
-    measured = [part * sheet.per_rad_s for part in _resonances(fit, group, tested, span)]
-    frequency.plot(*measured, "o", ms=5, mfc="none", mec="black", mew=0.9, zorder=4)
-    modes = _mode_names(sheet, s[named_at], float(tested.max(initial=0.0)))
-    entries: dict[str, Any] = {name: {"color": _MODES[i % len(_MODES)], "lw": 1.4} for i, name in enumerate(modes)}
-    if onset is not None:
-        entries[_threshold_words(sheet, onset)] = {"color": _THRESHOLD, "lw": 1.4}
-    if beside is not None:
-        entries[_beside_words(sheet, beside, other)] = {"color": "black", "lw": 1.1, "ls": "--"}
-    entries["unstable"] = Patch(color=_THRESHOLD, alpha=0.15)
-    entries["1×: frequency = speed"] = {"color": "0.6", "lw": 0.9, "ls": "--"}
-    if tested.size:
-        entries["tested speeds"] = {"color": "black", "marker": "^", "ls": ""}
-    if measured[0].size:
-        entries["resonances of the responses"] = {"color": "black", "marker": "o", "mfc": "none", "ls": ""}
-    style.legend_below(figure, entries)
+        other = _modes(beside, group, modes.speeds, modes.named_at)
+        _another(sheet, axes[0], modes.speeds * sheet.per_rad_s, other, _onset_shown(beside, group))
+        style.legend_below(figure, {_beside_words(sheet, beside, group): {"color": style.INK, "lw": 1.1, "ls": ":"}})
     return figure
+
+
+def _another(sheet: style.Sheet, axes: Any, x: Float, s: ComplexArray, onset: Quantity | None) -> None:
+    """Modes and threshold of another rotor, in one colour."""
+    zeta = -s.real / np.where(np.abs(s) > 0, np.abs(s), np.nan)
+    for axis, values in zip(axes, (s.imag * sheet.per_rad_s, zeta), strict=True):
+        axis.plot(x, values, ":", color=style.INK, lw=1.1, zorder=3.5)
+        if onset is not None:
+            axis.axvline(onset.value * sheet.per_rad_s, color=style.CRITICAL, lw=1.1, ls=":")
 
 
 def _onset_shown(fit: FitResult | None, group: int) -> Quantity | None:
@@ -89,37 +111,169 @@ def _onset_shown(fit: FitResult | None, group: int) -> Quantity | None:
     return fit.threshold_of(group)
 
 
-def _beside_words(sheet: style.Sheet, beside: FitResult, onset: Quantity | None) -> str:
-    return style.literal(beside.message) + ("" if onset is None else f": {_threshold_words(sheet, onset)}")
+def _beside_words(sheet: style.Sheet, beside: FitResult, group: int) -> str:
+    onset = _onset_shown(beside, group)
+    where = "" if onset is None else f": {_threshold_words(sheet, onset)} {sheet.rate_unit}"
+    return style.literal(beside.message) + where
 
 
-def _draw_modes(sheet: style.Sheet, axes: Any, x: Float, s: ComplexArray, **look: Any) -> None:
-    """Growth rate and frequency of each mode above, its damping ratio and decrement below."""
-    zeta = -s.real / np.where(np.abs(s) > 0, np.abs(s), np.nan)
-    overdamped = 0.99  # damping ratio from which a mode no longer oscillates and has no decrement
-    swings = np.abs(zeta) < overdamped
-    delta = np.where(swings, 2 * np.pi * zeta / np.sqrt(np.where(swings, 1 - zeta**2, 1.0)), np.nan)
-    panels = {
-        "growth rate, 1/s": s.real,
-        f"damped frequency, {sheet.rate_unit}": s.imag * sheet.per_rad_s,
-        "damping ratio": zeta,
-        "logarithmic decrement": delta,
-    }
-    for axis, (name, values) in zip(axes.flat, panels.items(), strict=True):
-        axis.set_ylabel(name)
-        for mode in range(s.shape[1]):
-            axis.plot(x, values[:, mode], color=_MODES[mode % len(_MODES)], **{"lw": 1.4, **look})
-    largest = 3.0  # largest decrement worth a place on its axis: what matters is near zero
-    _unstable_half(axes[0, 0], s.real, above=True)
-    _unstable_half(axes[1, 0], zeta, above=False)
-    _unstable_half(axes[1, 1], np.minimum(delta, largest), above=False)
+@style.on_sheet
+def plot_damping(fit: FitResult, *, sheet: style.Sheet, group: int = 0) -> Figure:
+    """Damping ratio of the whirl modes against speed, near the threshold: the half figure of a first screen."""
+    modes = _followed(fit, group)
+    figure, ((axis,),) = sheet.grid(1, 1, "", size=style.HALF)
+    axis.set_title("Damping ratio of the whirl modes")
+    zeta, x = modes.damping, modes.speeds * sheet.per_rad_s
+    top = 0.6  # largest damping ratio worth a place: what matters is near zero
+    least = float(np.nanmin(zeta, initial=0.0))
+    axis.set_ylim(min(-0.12, max(1.1 * least, -0.3)), top + 0.02)
+    for mode in range(zeta.shape[1]):
+        axis.plot(x, zeta[:, mode], **modes.look(mode))
+    style.end_labels(axis, [(name, zeta[-1, i], modes.look(i)["color"]) for i, name in enumerate(modes.names)])
+    _unstable(axis)
+    _beside(sheet, axis, modes)
+    return figure
+
+
+def _followed(fit: FitResult, group: int, beside: FitResult | None = None) -> _Modes:
+    onset, tested = _onset_shown(fit, group), _tested_speeds(fit, group)
+    # Shows the threshold with some room, or the tested speeds where there is none.
+    fastest = max(float(np.max(experiment.speed, initial=0.0)) for experiment in fit.experiments)
+    top = 1.5 * max(fastest, 1.0) if onset is None else 1.25 * max(onset.value, fastest)
+    other = _onset_shown(beside, group)
+    top = top if other is None else max(top, min(1.1 * other.value, 2.5 * top))
+    speeds = np.union1d(np.linspace(0.0, top, 400), tested)
+    named_at = int(np.argmin(np.abs(speeds - tested.max(initial=0.0))))
+    s = _modes(fit, group, speeds, named_at)
+    order = np.argsort(np.abs(s[named_at].imag))
+    count, names = {"F": 0, "B": 0}, [""] * s.shape[1]
+    for mode in order.tolist():
+        way = "F" if s[named_at, mode].imag > 0 else "B"
+        count[way] += 1
+        names[mode] = f"{count[way]}{way}"
+    return _Modes(speeds=speeds, s=s, names=tuple(names), named_at=named_at, tested=tested, onset=onset)
+
+
+def _campbell(sheet: style.Sheet, axis: Any, modes: _Modes) -> None:
+    """Signed frequency of each mode."""
+    x, w = modes.speeds * sheet.per_rad_s, modes.s.imag * sheet.per_rad_s
+    span = 1.25 * np.nanmax(np.abs(w), initial=1e-9)
+    axis.set(title=f"Whirl frequency, {sheet.rate_unit}", ylim=(-span, span))
+    labels = []
+    for mode, name in enumerate(modes.names):
+        look = modes.look(mode)
+        axis.plot(x, w[:, mode], **look)
+        axis.plot(_at_tested(modes) * sheet.per_rad_s, _values(modes, w[:, mode]), **_circle(look))
+        own = modes.damping[modes.named_at, mode]
+        words = significant(abs(w[modes.named_at, mode]), 4) if own < _OVERDAMPED else "overdamped"
+        labels.append((f"{name} {words}", w[-1, mode], look["color"]))
+    inside = x[x < span]
+    axis.plot(inside, inside, ":", color=style.GREY, lw=1.0, zorder=2)
+    style.end_labels(axis, labels)
+    edge = min(x[-1], span)
+    axis.annotate(
+        "1×", (0.86 * edge, 0.86 * edge), (-3, 2), textcoords="offset points", ha="right", va="bottom",
+        fontsize=style.SMALL_TYPE, color=style.GREY, path_effects=style.halo(),
+    )  # fmt: skip
+
+
+def _damping(sheet: style.Sheet, axis: Any, modes: _Modes) -> None:
+    """Damping ratio of each mode, and the decrement as a second scale."""
+    x, zeta = modes.speeds * sheet.per_rad_s, modes.damping
+    axis.set_title("Damping ratio")
+    axis.set_yscale("asinh", linear_width=_LINEAR)
+    low = float(np.nanmin(zeta, initial=0.0))
+    axis.set_ylim(min(-0.1, 1.25 * low), 1.3)
+    shown = [tick for tick in (-1, -0.5, -0.2, -0.1, -0.05, 0, 0.05, 0.1, 0.2, 0.5, 1) if tick >= axis.get_ylim()[0]]
+    axis.set_yticks(shown, [f"{tick:g}".replace("-", "−") for tick in shown])
+    axis.set_yticks([], minor=True)
+    labels = []
+    for mode, name in enumerate(modes.names):
+        look = modes.look(mode)
+        axis.plot(x, zeta[:, mode], **look)
+        axis.plot(_at_tested(modes) * sheet.per_rad_s, _values(modes, zeta[:, mode]), **_circle(look))
+        labels.append((name, zeta[-1, mode], look["color"]))
+    style.end_labels(axis, labels, inside=True)
+    _unstable(axis)
+    _decrements(axis)
+
+
+def _decrements(axis: Any) -> None:
+    """The logarithmic decrement as a second scale, and its usual limit."""
+    beside = axis.twinx()
+    beside.set_yscale("asinh", linear_width=_LINEAR)
+    beside.set_ylim(axis.get_ylim())
+    ticks = [(d, _ratio(d)) for d in (-0.5, -0.2, 0, 0.2, 0.5, 1, 2, 5)]
+    shown = [(d, at) for d, at in ticks if axis.get_ylim()[0] <= at <= axis.get_ylim()[1]]
+    beside.set_yticks([at for _, at in shown], [f"{d:g}".replace("-", "−") for d, _ in shown])
+    beside.set_yticks([], minor=True)
+    beside.tick_params(labelsize=style.SMALL_TYPE)
+    beside.spines[["top", "left"]].set_visible(False)
+    beside.set_ylabel("logarithmic decrement")
+    limit = 0.1  # decrement that is usually asked for
+    axis.axhline(_ratio(limit), color=style.GREY, lw=0.8, ls=(0, (6, 2)), zorder=1.5)
+    axis.text(
+        0.015, _ratio(limit), f"limit δ = {limit:g}", transform=axis.get_yaxis_transform(), va="bottom",
+        fontsize=style.SMALL_TYPE, color=style.GREY, path_effects=style.halo(),
+    )  # fmt: skip
+
+
+def _ratio(decrement: float) -> float:
+    """Damping ratio of a logarithmic decrement."""
+    return decrement / float(np.hypot(2 * np.pi, decrement))
+
+
+def _unstable(axis: Any) -> None:
+    """The half where motion grows."""
+    low = axis.get_ylim()[0]
+    axis.axhspan(low, 0, color=style.UNSTABLE, lw=0, zorder=0)
+    axis.axhline(0, color=style.INK, lw=0.9, zorder=2)
+    axis.text(
+        0.015, 0.03, "unstable", transform=axis.transAxes, fontsize=style.SMALL_TYPE, color=style.CRITICAL,
+        va="bottom", path_effects=style.halo(style.UNSTABLE),
+    )  # fmt: skip
+
+
+def _beside(sheet: style.Sheet, axis: Any, modes: _Modes) -> None:
+    """Tested speeds and the threshold."""
+    x = modes.speeds[-1] * sheet.per_rad_s
+    axis.set(xlabel=f"shaft speed, {sheet.rate_unit}", xlim=(0, x))
+    for speed in modes.tested.tolist():
+        axis.axvline(speed * sheet.per_rad_s, color=style.GREY, lw=0.9, ls=(0, (2, 2)), zorder=1)
+    onset = modes.onset
+    if onset is None:
+        return
+    at = onset.value * sheet.per_rad_s
+    axis.axvline(at, color=style.CRITICAL, lw=1.2, zorder=2)
+    words = _threshold_words(sheet, onset)
+    if np.isfinite(onset.stderr):
+        low, high = (end * sheet.per_rad_s for end in onset.interval(0.95))
+        axis.axvspan(low, high, color=style.CRITICAL, alpha=0.3, lw=0)
+    side = "left" if at < 0.25 * x else "right" if at > 0.75 * x else "center"
+    axis.set_title(axis.get_title(loc="left"), pad=14)  # above the words
+    axis.annotate(
+        words, (at, 1), (0, 3), xycoords=("data", "axes fraction"), va="bottom",
+        textcoords="offset points", ha=side, fontsize=style.SMALL_TYPE, fontweight="bold", color=style.CRITICAL,
+        path_effects=style.halo(), zorder=5,
+    )  # fmt: skip
 
 
 def _threshold_words(sheet: style.Sheet, onset: Quantity) -> str:
-    low, high = (sheet.per_rad_s * end for end in onset.interval(0.95))
-    known = np.isfinite(high) and high > low
-    value = with_error(onset.value * sheet.per_rad_s, (high - low) / 4 if known else np.nan)[0]
-    return f"threshold {value} {sheet.rate_unit}" + (f", 95 % {interval_words(low, high)}" if known else "")
+    at, error = onset.value * sheet.per_rad_s, onset.stderr * sheet.per_rad_s
+    return f"threshold {' ± '.join(with_error(at, error)) if np.isfinite(error) else significant(at, 4)}"
+
+
+def _at_tested(modes: _Modes) -> Float:
+    return modes.tested if modes.tested.size else np.zeros(0)
+
+
+def _values(modes: _Modes, along: Float) -> Float:
+    """What a curve has at the tested speeds."""
+    return np.asarray(along[np.searchsorted(modes.speeds, modes.tested)])
+
+
+def _circle(look: dict[str, Any]) -> dict[str, Any]:
+    return {"marker": "o", "ls": "", "ms": 3.6, "mfc": "white", "mec": look["color"], "mew": 1.1, "zorder": 4}
 
 
 def _tested_speeds(fit: FitResult, group: int) -> Float:
@@ -133,49 +287,6 @@ def _tested_speeds(fit: FitResult, group: int) -> Float:
 def _nearest(speeds: Float, to: Float) -> Index:
     """Which of the speeds, in ascending order, is nearest to each of others."""
     return np.searchsorted((speeds[1:] + speeds[:-1]) / 2, to)
-
-
-def _resonances(fit: FitResult, group: int, tested: Float, span: float) -> tuple[Float, Float]:
-    """Tested speeds and the frequencies, rad/s, at which measured responses peak there (Fig. 32)."""
-    found: list[tuple[float, float]] = []
-    for base in (b for b in fit.problem.responses if not b.imposed):
-        drive = np.abs(base.force).max(axis=1)[base.line]
-        nearest = _nearest(tested, base.speed)
-        for number, speed in enumerate(tested.tolist()):
-            mine = ((base.group == group) & (nearest == number))[base.line] & (drive > 0)
-            for label in np.unique(base.label[mine]).tolist():
-                rows = np.flatnonzero(mine & (base.label == label) & (base.sigma < 0.2 * np.abs(base.measured)))
-                found += [
-                    (speed, w) for w in _peaks(base.frequency[base.line[rows]], base.measured[rows] / drive[rows])
-                ]
-    shown = np.array([pair for pair in found if abs(pair[1]) <= span]).reshape(-1, 2)
-    return shown[:, 0], shown[:, 1]
-
-
-def _peaks(w: Float, response: ComplexArray) -> list[float]:
-    """Frequencies of the peaks of a response from which it falls to half on either side before it rises again."""
-    found: list[float] = []
-    for side in (w < 0, w > 0):
-        order = np.argsort(w[side])
-        size, at = np.abs(response[side])[order], w[side][order]
-        for k, top in enumerate(size.tolist()):
-            ends = [part[(part > top) | (part < top / 2)][:1] for part in (size[:k][::-1], size[k + 1 :])]
-            if all(end.size and end[0] < top for end in ends):
-                found.append(float(at[k]))
-    return found
-
-
-def _unstable_half(axis: Any, values: Float, *, above: bool) -> None:
-    """Limits that leave out modes of far more damping than the others, and a tint where motion grows."""
-    stable = -values if above else values
-    shown = stable[np.isfinite(stable)]
-    high = min(float(shown.max()), 8 * float(np.median(np.abs(shown)))) if shown.size else 1.0
-    high = high if high > 0 else 1.0
-    low = min(-0.12 * high, 1.1 * float(shown.min(initial=0.0)))
-    axis.axhline(0, color=style.GREY, lw=0.8)
-    limits = (low, 1.1 * high)
-    axis.set_ylim([-limits[1], -limits[0]] if above else limits)
-    axis.axhspan(*((0, -low) if above else (low, 0)), color=_THRESHOLD, alpha=0.1, lw=0)
 
 
 def _modes(fit: FitResult, group: int, speeds: Float, at: int) -> ComplexArray:
@@ -213,14 +324,3 @@ def _shifts(fit: FitResult, group: int, speeds: Float, s: ComplexArray, at: int)
             ]
             found[:, mode] = np.interp(speeds, speeds[some], moved)
     return found
-
-
-def _mode_names(sheet: style.Sheet, s: ComplexArray, at: float) -> list[str]:
-    """Words for each mode: its whirl and its frequency at a speed."""
-    return [
-        f"{'forward' if value.imag > 0 else 'backward'} mode, {sheet.rate_words(abs(value.imag))} at "
-        f"{sheet.rate_words(at)}"
-        if np.isfinite(value)
-        else "mode beyond the tested band"
-        for value in s
-    ]

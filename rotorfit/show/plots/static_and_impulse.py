@@ -15,7 +15,7 @@ from rotorfit.identify.fitting.result import FitResult
 from rotorfit.models.coefficient_tables import changing_fluid, law_curves
 from rotorfit.models.motion.off_centre import off_centre_eigenvalues
 from rotorfit.show.plots import style
-from rotorfit.show.plots.journal import JournalLines, drive_stiffness, half_width, journal_lines, law_series
+from rotorfit.show.plots.journal import JournalLines, drive_stiffness, half_width, journal_lines, law_series, rig_of
 
 _POINTS = {"fmt": "o", "ms": 3.5, "elinewidth": 0.7}  # look of readings with their errors
 
@@ -51,7 +51,7 @@ def plot_static_locus(fit: FitResult, *, sheet: style.Sheet) -> Figure:
 
     blocks = _static(fit)
     speeds, theta = _speeds(blocks), fit.thetas
-    figure, axes = sheet.grid(1, 1, f"Journal under static loads, {fit.model.name}", size=(6.0, 5.4))
+    figure, axes = sheet.grid(1, 1, f"{rig_of(fit)}: journal under static loads", size=(6.0, 5.4))
     axis = axes[0, 0]
     for lines in blocks:
         clearance = float(np.abs(lines.position[0]) / lines.eccentricity[0])
@@ -92,7 +92,7 @@ def plot_static_stiffness(fit: FitResult, *, sheet: style.Sheet) -> Figure:
         style.prefix(across, "N s/m"),
         style.prefix(np.concatenate([lines.stiffness.real for lines in blocks]), "N/m"),
     )
-    figure, axes = sheet.grid(2, 1, f"Static stiffness of the journal, {fit.model.name}", size=(5.6, 2.6))
+    figure, axes = sheet.grid(2, 1, f"{rig_of(fit)}: static stiffness of the journal", size=(5.6, 2.6))
     for lines in blocks:
         for group, speed, largest in _curves(lines):
             here = np.flatnonzero((lines.group == group) & (lines.speed == speed))
@@ -131,7 +131,7 @@ def plot_velocity_ratio(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     if not blocks:
         raise ValueError("this fit has no impulse tests to plot")
     speeds = sorted({round(float(v), 6) for block in blocks for v in block.speed})
-    figure, axes = sheet.grid(1, 1, f"Velocity ratio from impulse tests, {fit.model.name}", size=(5.6, 3.6))
+    figure, axes = sheet.grid(1, 1, f"{rig_of(fit)}: velocity ratio from impulse tests", size=(5.6, 3.6))
     axis = axes[0, 0]
     limit = max(float(block.measured_eccentricity(fit.thetas).max()) for block in blocks)
     eps = np.linspace(0.0, limit + 0.1 * min(limit, 1 - limit) or 0.5, style.CURVE_POINTS)

@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from io import BytesIO
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgba_array
 from matplotlib.figure import Figure, FigureBase, SubFigure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
@@ -23,17 +24,32 @@ from rotorfit.base.digits import significant
 from rotorfit.base.names import unknown_name
 from rotorfit.base.units import UNITS
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
-"""Okabe and Ito's palette: distinguished by colour-blind readers and in grey."""
-GREY = "#666666"
+COLOURS = ("#0B4F8A", "#E58A1F", "#7CCFC4", "#7A1F5C")
+"""Of conditions and traces: told apart by colour-blind readers, the first two in grey print too."""
+MARKERS = "os^D"
+"""Of the same: a second sign beside the colour."""
+RAMP = ("#9CC4E4", "#4A90C4", "#0B4F8A")
+"""Of an ordered set, from its least to its largest: pressures, and more speeds than there are colours."""
+FORWARD, BACKWARD = ("#E58A1F", "#B23A0C", "#8A2C0D", "#F2B866"), ("#0B4F8A", "#4A90C4", "#7CC6BD", "#4B5A66")
+"""Of modes by their whirl, warm ones solid, cool ones dashed."""
+CRITICAL = "#B23A0C"
+"""Of what becomes unstable, its threshold, and a limit."""
+SHARES = ("#CBD5DC", "#78AEDA", "#B23A0C")
+"""Of an error: noise, bounded by the data, on trust."""
+INK, GREY, AXES, GRID, UNSTABLE = "#1F2933", "#667784", "#8A98A4", "#DDE3E8", "#FBE9E2"
+"""Of text, second text, axes, the grid, and the half of a panel where motion grows."""
 PHASE_LABEL = "phase lead of the probe, deg"
 PAGE = (7.08, 8.8)
 """Largest width and height of a figure, inches: what A4 leaves between its margins, so that print keeps its size."""
-SMALL_TYPE, TYPE = 7, 8
-"""Smallest type and that of names, points."""
+SMALL_TYPE, TYPE, TITLE_TYPE = 7, 8, 10
+"""Smallest type, that of names, and that of the figure's title, points."""
 _SETTINGS: Any = {
     "axes.titlesize": TYPE, "axes.labelsize": TYPE, "legend.fontsize": SMALL_TYPE, "legend.frameon": False,
     "axes.titley": 1.0,  # nothing stands above the axes that a title would have to be moved for, which takes long
+    "axes.titlelocation": "left", "axes.titleweight": "bold", "axes.titlepad": 5,
+    "text.color": INK, "axes.labelcolor": INK, "xtick.labelcolor": INK, "ytick.labelcolor": INK,
+    "axes.edgecolor": AXES, "xtick.color": AXES, "ytick.color": AXES, "axes.linewidth": 0.7,
+    "xtick.major.size": 3, "ytick.major.size": 3, "lines.linewidth": 1.5,
 }  # fmt: skip
 """matplotlib's settings while a figure is drawn."""
 BAND = 0.25
@@ -110,8 +126,9 @@ class Sheet:
         size: tuple[float, float] = (4.6, 2.3),
         one_abscissa: bool = False,
         projection: str | None = None,
+        reads: Sequence[str] = (),
     ) -> tuple[Figure, Any]:
-        """An empty figure of axes, shape ``(rows, columns)``."""
+        """An empty figure of axes, shape ``(rows, columns)``; ``reads``: lines on how to read it, below the title."""
         share: Any = "col" if one_abscissa else "none"
         given = self.ax
         drawn_on = given is not None and not isinstance(given, FigureBase)
@@ -126,18 +143,56 @@ class Sheet:
             kind = {"projection": projection}
             axes = figure.subplots(rows, columns, squeeze=False, sharex=share, subplot_kw=kind)
         if title and given is None:
-            figure.suptitle(title, fontsize=10)
+            title_of(figure, title, reads)
         for axis in axes.flat if projection is None else ():
             few_ticks(axis.xaxis)
             few_ticks(axis.yaxis)
             axis.tick_params(labelsize=SMALL_TYPE)
             axis.xaxis.label.set_size(TYPE)
             axis.yaxis.label.set_size(TYPE)
-            axis.grid(color="0.9", linewidth=0.6)
+            axis.grid(color=GRID, linewidth=0.6)
             axis.set_axisbelow(True)
             axis.spines[["top", "right"]].set_visible(False)
             axis.spines[:].set_in_layout(False)  # ticks and labels reach further, and are measured anyway
         return figure, axes
+
+
+def title_of(figure: Any, title: str, reads: Sequence[str] = ()) -> None:
+    """The title at the left, and below it lines on how to read the figure, whose room the title keeps for them."""
+    spare = "\n" * -(-len(reads) * TYPE // TITLE_TYPE)
+    left, top = 0.01, 3 / 72  # of the width; inches from the top, as constrained layout has them
+    height = figure.bbox.height / figure.figure.dpi
+    figure.suptitle(title + spare, x=left, ha="left", fontsize=TITLE_TYPE, fontweight="bold")
+    line = 1.25 * TYPE / 72
+    for number, words in enumerate(reads):
+        below = 1 - (top + 1.45 * TITLE_TYPE / 72 + number * line) / height
+        figure.text(left, below, words, fontsize=TYPE, color=GREY, ha="left", va="top", in_layout=False)
+
+
+def key_beside_title(figure: Any, names: Sequence[tuple[str, str, str]]) -> bool:
+    """Few conditions by their marker and colour, at the right of the title; False where they have no room there.
+
+    ``names``: words, colour and marker.
+    """
+    if figure._suptitle is None or len(names) < 2:
+        return len(names) < 2
+    letters = 0.62 * TYPE / 72  # inches of a letter in bold type
+    title = letters * len(figure._suptitle.get_text().strip()) * TITLE_TYPE / TYPE
+    room, gap = figure.bbox.width / figure.figure.dpi, 3
+    widths = [letters * (len(words) + gap) for words, _, _ in names]
+    if title + sum(widths) + 0.3 > room:
+        return False
+    height, right = figure.bbox.height / figure.figure.dpi, room - 0.08
+    for (words, colour, marker), width in zip(reversed(names), reversed(widths), strict=True):
+        at = 1 - (3 + 0.7 * TITLE_TYPE) / 72 / height
+        look = {"color": colour, "fontsize": TYPE, "fontweight": "bold", "va": "center", "in_layout": False}
+        figure.text(right / room, at, words, ha="right", **look)
+        right -= width
+        place = Line2D([(right + 1.2 * letters) / room], [at], marker=marker, color=colour, ms=5, ls="")
+        place.set(transform=figure.transSubfigure if hasattr(figure, "transSubfigure") else figure.transFigure)
+        place.set_in_layout(False)
+        figure.add_artist(place)
+    return True
 
 
 PLAIN = Sheet()
@@ -163,6 +218,114 @@ def on_sheet(draw: Callable[..., Figure]) -> Callable[..., Figure]:
     both = [Parameter(name, Parameter.KEYWORD_ONLY, default=None) for name in ("ax", "unit")]
     drawn.__signature__ = Signature([*own, *both])  # type: ignore[attr-defined]  # what ``help`` shows
     return drawn
+
+
+BELOW = "reading"
+"""Mark of words that stand about a panel."""
+HALF = (3.6, 2.36)
+"""Inches of the two half figures of a first screen."""
+
+
+def halo(colour: str = "white") -> list[Any]:
+    """What keeps text readable on lines."""
+    from matplotlib.patheffects import withStroke
+
+    return [withStroke(linewidth=2.4, foreground=colour)]
+
+
+def opacity_of(share: Float) -> Float:
+    """Opacity of readings by sigma over their size: pale from 12 %, none above half, full where no sigma is known."""
+    pale, none, least, full = 0.12, 0.5, 0.15, 0.85
+    known = np.nan_to_num(share, nan=0.0)
+    fading = full - (full - least) * np.clip((known - pale) / (none - pale), 0.0, 1.0)
+    return np.where(known > none, 0.0, fading)
+
+
+def shades(colour: str, opacity: Float) -> Float:
+    """A colour at several opacities, shape ``(n, 4)``."""
+    found = np.asarray(to_rgba_array(colour).repeat(opacity.size, axis=0))
+    found[:, 3] = opacity
+    return found
+
+
+class Marks(NamedTuple):
+    """How the points of a condition look."""
+
+    colour: str
+    marker: str = "o"
+    hollow: bool = False
+
+
+def draw_points(axis: Any, x: Float, y: Float, sigma: Float, expected: Float, marks: Marks) -> int:
+    """Readings, paler where less certain; the number of those that are not drawn.
+
+    Left out is what lies beyond the axis, and what 2 sigma of exceeds half of it. A reading more than 3.5 sigma off
+    what is expected is always drawn, ringed, at the edge where it lies beyond.
+    """
+    low, high = axis.get_ylim()
+    size = high - low
+    told = np.nan_to_num(2 * sigma, nan=0.0) < size / 2
+    odd = told & (np.abs(y - expected) > 3.5 * sigma) & (sigma > 0)
+    shown = told & (((y >= low) & (y <= high)) | odd)
+    opacity = np.clip(0.85 * (1 - 4 * np.nan_to_num(sigma) / size), 0.15, 0.85)
+    at, reach = np.clip(y, low + 0.01 * size, high - 0.01 * size), (7.0, 1.0)
+    shade = shades(marks.colour, opacity[shown])
+    face: dict[str, Any] = {"facecolors": "none", "edgecolors": shade} if marks.hollow else {"c": shade}
+    look = {"marker": marks.marker, "linewidths": 0.7 if marks.hollow else 0, "zorder": 2.2}
+    axis.scatter(x[shown], at[shown], s=reach[0], **face, **look)
+    if (shown & odd).any():
+        ring = {"facecolors": "none", "edgecolors": marks.colour, "linewidths": reach[1], "zorder": 4, "clip_on": False}
+        axis.scatter(x[shown & odd], at[shown & odd], s=36, **ring)
+    return int(np.count_nonzero(~shown))
+
+
+def below(axis: Any, words: str) -> None:
+    """What a curve reads, below the ticks of the panel at its left, and above a label of the axis."""
+    axis.xaxis.labelpad = 2.1 * SMALL_TYPE
+    axis.annotate(
+        words, (0, 0), (0, -2.1 * SMALL_TYPE), xycoords="axes fraction", textcoords="offset points", ha="left",
+        va="top", fontsize=SMALL_TYPE, color=GREY, annotation_clip=False, gid=BELOW,
+    )  # fmt: skip
+
+
+def above(axis: Any, words: str) -> None:
+    """What is not drawn, above the panel at its right, below a title that is padded for it."""
+    axis.annotate(
+        words, (1, 1), (0, 2), xycoords="axes fraction", textcoords="offset points", ha="right", va="bottom",
+        fontsize=SMALL_TYPE, color=GREY, annotation_clip=False, gid=BELOW,
+    )  # fmt: skip
+
+
+def end_labels(
+    axis: Any, labels: Sequence[tuple[str, float, str]], *, inside: bool = False, weight: str = "bold"
+) -> None:
+    """Names of curves at their right ends in their colours, pushed apart where they would overlap.
+
+    ``labels``: words, value of the curve at its end, colour; what ends beyond the axis has none. ``inside``: left of
+    the ends, where another scale stands at the right.
+    """
+    low, high = axis.get_ylim()
+    shown = [label for label in labels if low <= label[1] <= high]
+    if not shown:
+        return
+    to_axis = axis.transData + axis.transAxes.inverted()
+    height = axis.bbox.height / axis.figure.dpi * 0.75  # the layout is not made yet
+    apart = 1.2 * SMALL_TYPE / 72 / height
+    places = np.array([np.clip(to_axis.transform((axis.get_xlim()[1], value))[1], 0.02, 0.98) for _, value, _ in shown])
+    order = np.argsort(places)
+    moved = places[order].copy()
+    for k in range(1, moved.size):  # upwards, then back down from the top
+        moved[k] = max(moved[k], moved[k - 1] + apart)
+    moved[-1] = min(moved[-1], 1.0)
+    for k in range(moved.size - 2, -1, -1):
+        moved[k] = min(moved[k], moved[k + 1] - apart)
+    for place, which in zip(moved.tolist(), order.tolist(), strict=True):
+        words, _, colour = shown[which]
+        axis.annotate(
+            words, (1, place), (-3 if inside else 4, 0), xycoords="axes fraction", textcoords="offset points",
+            va="center", ha="right" if inside else "left", fontsize=SMALL_TYPE, fontweight=weight, color=colour,
+            annotation_clip=False, path_effects=halo(), zorder=6,
+        )  # fmt: skip
 
 
 def number_words(value: float, digits: int = 4) -> str:
@@ -249,13 +412,12 @@ def decade_ticks(axis: Any) -> None:
 
 
 def colour_of(number: int, count: int = 0) -> str:
-    """Colour of one of several speeds; of more than the palette holds, on a scale from dark to light."""
+    """Colour of one of several conditions; of more than there are colours, on a scale from light to dark."""
     if count <= len(COLOURS):
         return COLOURS[number % len(COLOURS)]
-    from matplotlib import colormaps
-    from matplotlib.colors import to_hex
+    from matplotlib.colors import LinearSegmentedColormap, to_hex
 
-    return to_hex(colormaps["viridis"](0.92 * number / (count - 1)))
+    return to_hex(LinearSegmentedColormap.from_list("ordered", RAMP)(number / (count - 1)))
 
 
 def literal(text: str) -> str:

@@ -23,7 +23,7 @@ from rotorfit.lab.observing.circular import observe
 from rotorfit.lab.observing.measured_stiffness import IsotropicPlanes
 from rotorfit.models import RotorModel
 from rotorfit.show.plots.journal import group_label, half_width
-from rotorfit.show.plots.style import PLAIN, Sheet, colour_of, literal
+from rotorfit.show.plots.style import MARKERS, PLAIN, Sheet, colour_of, literal
 
 _SWEPT_SPEED = -1.0  # speed of a key whose speed is swept
 
@@ -36,6 +36,7 @@ class SweepCondition:
     speed: float  # rad/s, NaN where it is swept
     name: str  # words for the legend
     colour: str  # of its points and lines
+    marker: str  # of its points
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -88,7 +89,8 @@ def _conditions(sheet: Sheet, keys: Sequence[_Key], label: Callable[[int], str])
     conditions = []
     for i, (key, name) in enumerate(zip(keys, _names(sheet, keys, label), strict=True)):
         speed, colour = math.nan if key.speed == _SWEPT_SPEED else key.speed, colour_of(i, len(keys))
-        conditions.append(SweepCondition(group=key.group, speed=speed, name=name, colour=colour))
+        marker = MARKERS[i % len(MARKERS)]
+        conditions.append(SweepCondition(group=key.group, speed=speed, name=name, colour=colour, marker=marker))
     return conditions
 
 
@@ -160,6 +162,7 @@ class SweepCurve:
     reading: Index  # place of each reading in its block
     frequency: Float  # of the readings, rad/s
     measured: ComplexArray  # response over force (or force over imposed displacement)
+    uncertainty: Float  # sigma of the readings over their size by the fit
     whitened: ComplexArray  # residual over noise
     signed: bool  # values are of x + jy at the signed frequency, not of a probe
     imposed: bool  # values are forces over an imposed displacement
@@ -209,7 +212,7 @@ def joined(found: Sequence[SweepCurve]) -> list[SweepCurve]:
 
     whole = []
     for same in parts.values():
-        names = ("block", "reading", "frequency", "measured", "whitened")
+        names = ("block", "reading", "frequency", "measured", "uncertainty", "whitened")
         joint: dict[str, Any] = {name: np.concatenate([getattr(c, name) for c in same]) for name in names}
         joint |= {name: broken([getattr(c, name) for c in same]) for name in ("fine", "fitted")}
         band = (broken([c.band[0] for c in same]), broken([c.band[1] for c in same]))
@@ -245,6 +248,7 @@ def _curves(fit: FitResult, conditions: Sequence[SweepCondition], part: Sweeps) 
         yield replace(
             curve,
             block=np.full(rows.size, part.number),
+            uncertainty=base.sigma[rows] / np.abs(predicted[rows]),
             whitened=(predicted[rows] - base.measured[rows]) / base.sigma[rows],
             fine=fine,
             fitted=fitted,
@@ -272,6 +276,7 @@ def _measured(base: Responses, conditions: Sequence[SweepCondition], condition: 
             reading=rows,
             frequency=w[rows],
             measured=measured,
+            uncertainty=base.sigma[rows] / np.abs(base.measured[rows]),
             whitened=none.astype(complex),
             signed=base.model.frame == "z",
             imposed=base.imposed,

@@ -7,6 +7,7 @@ import math
 from rotorfit.base.digits import two_digits
 from rotorfit.identify.fitting.summary import correction_names
 from rotorfit.models.parameters import bare_name
+from rotorfit.show.report.figures import embedded
 from rotorfit.show.report.html import Html, element, paragraph, table
 from rotorfit.show.report.material import ReportInput
 from rotorfit.show.report.numbers import plain, with_error
@@ -48,16 +49,18 @@ def budget_section(material: ReportInput) -> Html:
     corrections = correction_names(fit.model)  # many, which would make the table too wide
     kept = [place for place, row in enumerate(budget.rows) if bare_name(row.name) not in corrections]
     correlated = [[names[i], *(f"{budget.correlation[i, j]:+.2f}" for j in kept)] for i in kept]
-    return section(
-        "Uncertainty budget",
+    words_of = "Value, error and the shares of its variance of each result."
+    drawn = embedded(material, "budget", fit.plot.budget, words_of, caption="") if budget.rows else Html("")
+    details = (
         table(head, rows, numeric=range(1, len(head) - 1), whole=(len(head) - 1,)),
         note(words),
         table(["", "cause", "size", "slope", "share"], entries, numeric=(2, 3, 4)),
         note(of_entries),
         paragraph("Correlations of the results, causes included:"),
         table(["", *(names[i] for i in kept)], correlated, numeric=range(1, len(kept) + 1)),
-        folded=True,
     )
+    more = element("details", element("summary", "Shares as numbers, entries cause by cause, correlations"), *details)
+    return section("Error budget", drawn, more)
 
 
 def causes_section(material: ReportInput) -> Html:

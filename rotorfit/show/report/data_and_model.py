@@ -107,7 +107,7 @@ def model_section(material: ReportInput) -> Html:
                     right = right + "<mo>+</mo>" if entry.direct else ""
                     right += f"<mi>j</mi><mrow><mo>[</mo>{quadrature}<mo>]</mo></mrow>"
                 content.append(_equation(left + right))
-    return section("Model", *content)
+    return section("Model", *content, folded=True)
 
 
 def _equation(inner: str) -> Html:

@@ -15,6 +15,7 @@ from rotorfit.base.array_types import Float
 from rotorfit.base.atomic_file import file_name
 from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
+from rotorfit.identify.fitting.headline import leads_of
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.structure.modes import own_modes
 from rotorfit.identify.uncertainty.posterior import Posterior
@@ -29,37 +30,45 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+_SAYS_ITSELF = ("dynamic_stiffness", "bode", "polar", "residuals")
+"""Figures that say below their titles how they are read."""
+
 _FIRST = ("D", "lam", "lam_D", "lam_M", "Mf", "K0")
 """Parameters that a corner plot shows before others."""
 
 
-def figure_sections(material: ReportInput) -> tuple[list[Html], list[Html]]:
-    """The two figures that carry the verdict, the first of the data and that of stability; the other figures."""
+def figure_sections(material: ReportInput) -> list[Html]:
+    """Stability, then the figures of the data, how well they are fitted, profiles, the posterior."""
     fit = material.fit
-    of_data = []
+    found = [section("Stability", *_stability(material))] if "coefficients" not in leads_of(fit) else []
     for figure in figures_of(fit) if material.figure_format != "none" else ():
         words = figure.caption
         if fit.settings.solved is not None and "Points: measured" in words:
             words += " What causes beside the model were found to add is taken out of the points."
-        picture_in = embedded(material, figure.name, getattr(fit.plot, figure.name), words)
-        of_data.append(section(figure.title, picture_in, figure=True))
-    first, further = [*of_data[:1], section("Stability", *_stability(material))], of_data[1:]
+        shown = words if figure.name not in _SAYS_ITSELF else ""
+        picture_in = embedded(material, figure.name, getattr(fit.plot, figure.name), words, caption=shown)
+        found.append(section(figure.title, picture_in, figure=True))
     if fit.responses:
-        further.append(section("Quality of fit", *_quality(fit)))
+        found.append(section("Quality of fit", *_quality(fit), folded=True))
     if material.profiles:
         drawn = []
         for p in material.profiles:
             name = file_name(re.sub(r"\W+", "_", f"profile_{p.name}").rstrip("_"), material.pictures)
             caption = p.name.replace("_", " ") + (f". {p.message}" if p.message else "")
             drawn.append(embedded(material, name, p.plot, caption))
-        further.append(section("Profile likelihoods", element("div", *drawn, class_="side")))
+        found.append(section("Profile likelihoods", element("div", *drawn, class_="side")))
     if material.posterior is not None:
-        further.append(section("Posterior", *_posterior(material, material.posterior)))
-    return first, further
+        found.append(section("Posterior", *_posterior(material, material.posterior)))
+    return found
 
 
-def embedded(material: ReportInput, name: str, draw: Callable[[], Figure], caption: str) -> Html:
-    """Draw a figure, keep the file, embed it; nothing where figures are left out."""
+def embedded(
+    material: ReportInput, name: str, draw: Callable[[], Figure], words: str, *, caption: str | None = None
+) -> Html:
+    """Draw a figure, keep the file, embed it; nothing where figures are left out.
+
+    ``words`` say what it shows where it cannot be seen, and below it unless there is another ``caption``.
+    """
     if material.figure_format == "none":
         return Html("")
     from rotorfit.show.plots.style import picture_of
@@ -67,14 +76,17 @@ def embedded(material: ReportInput, name: str, draw: Callable[[], Figure], capti
     figure = draw()
     png = picture_of(figure)
     material.pictures[name] = png if material.figure_format == "png" else picture_of(figure, material.figure_format)
-    return picture(png, caption, figure.get_figwidth())
+    return picture(png, words, figure.get_figwidth(), words if caption is None else caption)
 
 
 def _quality(fit: FitResult) -> Iterator[Html]:
+    from rotorfit.show.report.verdict import misfit_words
+
     rows = [
         [r.name, str(r.count), f"{plain(100 * r.nrmse, 3)} %", f"{r.frac:.6f}", plain(r.redchi, 3)]
         for r in fit.responses
     ]
+    yield paragraph(misfit_words(fit))
     yield table(["response", "readings", "NRMSE", "FRAC", "redchi"], rows, numeric=(1, 2, 3, 4))
     words = (
         "NRMSE: rms residual over rms response. FRAC: frequency response assurance criterion, 1 for equal shape. "
@@ -84,6 +96,8 @@ def _quality(fit: FitResult) -> Iterator[Html]:
 
 
 def _stability(material: ReportInput) -> Iterator[Html]:
+    from rotorfit.show.report.verdict import threshold_table
+
     fit = material.fit
     for label, group in groups_of(fit):
         caption = "Modes of the fitted rotor against its speed" + (f", {label}." if label else ".")
@@ -94,7 +108,8 @@ def _stability(material: ReportInput) -> Iterator[Html]:
 
             return plot_stability(fit, group=group)
 
-        yield embedded(material, name, of_group, caption)
+        yield embedded(material, name, of_group, caption, caption=label)
+    yield from threshold_table(material)
     rows = [row for label, group in groups_of(fit) for row in _mode_rows(fit, label, group)]
     head = ["group", "rotative speed, rpm", "damped frequency, rpm", "±", "damping ratio", "±"]
     if rows and not rows[0][0]:
@@ -119,15 +134,15 @@ def _criteria(material: ReportInput) -> Iterator[Html]:
         return
     draws = fit if material.posterior is None else material.posterior
     where = "running speed" if speed is not None else "highest tested speed"
-    yield element("h3", f"Criteria at the {where}, {significant(top * RPM_PER_RAD_S, 5)} rpm")
+    title = element("summary", f"Criteria at the {where}, {significant(top * RPM_PER_RAD_S, 5)} rpm")
     try:
         found = draws.stability_report(max_speed_rpm=top * RPM_PER_RAD_S)
     except ValueError as refusal:  # such as of a fit to wrong data, whose stiffness vanishes
-        yield note(sentence(str(refusal)))
+        yield element("details", title, note(sentence(str(refusal))))
         return
     head, *rows = found.rows()
-    yield table(head, rows, numeric=(1, 5))
-    yield note(*map(sentence, (*([found.caution] if found.caution else []), *found.remarks)))
+    words = map(sentence, (*([found.caution] if found.caution else []), *found.remarks))
+    yield element("details", title, table(head, rows, numeric=(1, 5)), note(*words))
 
 
 def _mode_rows(fit: FitResult, label: str, group: int) -> Iterator[list[str]]:

@@ -67,8 +67,9 @@ def table(
     )
 
 
-def picture(png: bytes, caption: str, inches: float) -> Html:
-    """A PNG file with its caption, embedded, at its natural width where the page is wide enough."""
+def picture(png: bytes, words: str, inches: float, caption: str = "") -> Html:
+    """A PNG file with a caption, embedded, so large that its type of 8 points has 14 pixels."""
+    page = 14 / 8 * 72  # pixels of an inch
     data = base64.b64encode(png).decode("ascii")
-    image = element("img", src=f"data:image/png;base64,{data}", alt=caption, width=f"{96 * inches:.0f}")
-    return element("figure", image, element("figcaption", caption))
+    image = element("img", src=f"data:image/png;base64,{data}", alt=words, width=f"{page * inches:.0f}")
+    return element("figure", image, *([element("figcaption", caption)] if caption else []))

@@ -33,7 +33,8 @@ def page(title: str, source: str, sections: Sequence[Html], scripted: Sequence[H
         element("title", title),
         Html(f"<style>{style}</style>"),
     )
-    found = re.findall(r'<section id="([\w-]+)".*?<h2>(.*?)</h2>', "".join(sections), re.DOTALL)
+    # Sections that a click unfolds are not named: a row of links that is read at a glance.
+    found = re.findall(r'<section id="([\w-]+)"[^>]*><h2>(.*?)</h2>', "".join(sections))
     links = [element("a", Html(title), href=f"#{name}") for name, title in found]
     when = datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
     banner = element(
@@ -60,7 +61,7 @@ SECTIONS = {
     "Parameters": "theory/models.html",
     "Identifiability": "howto/faq.html#faq-not-determined",
     "95 % intervals": "uncertainty.html",
-    "Uncertainty budget": "uncertainty.html#what-the-error-bar-holds",
+    "Error budget": "uncertainty.html#what-the-error-bar-holds",
     "Causes beside the model": "uncertainty.html#what-the-error-bar-holds",
     "Bode plots": "conventions.html",
     "Polar plots": "conventions.html",
@@ -83,7 +84,7 @@ SECTIONS = {
 }
 """Page of each section of a report, by its heading."""
 VERDICT = {
-    "redchi": "howto/faq.html#faq-redchi",
+    "misfit": "howto/faq.html#faq-redchi",
     "not determined?": "howto/faq.html#faq-not-determined",
     "extrapolated": "howto/faq.html#faq-extrapolated",
 }
@@ -105,12 +106,12 @@ def explained(sections: Sequence[Html]) -> Sequence[Html]:
 
 
 def _linked(section: Html, address: str) -> Html:
-    heading = re.search(r"<h2>(.*?)</h2>", section)
-    if heading is None or heading[1] not in SECTIONS:
+    heading = re.search(r"(<h2[^>]*>)(.*?)</h2>", section)
+    if heading is None or heading[2] not in SECTIONS:
         return section
-    more = element("a", "explained", href=address + SECTIONS[heading[1]], class_="explained", rel="noreferrer")
-    text = section.replace(heading[0], f"<h2>{heading[1]} {more}</h2>", 1)
-    for words, page in VERDICT.items() if heading[1] == "Verdict" else ():
+    more = element("a", "explained", href=address + SECTIONS[heading[2]], class_="explained", rel="noreferrer")
+    text = section.replace(heading[0], f"{heading[1]}{heading[2]} {more}</h2>", 1)
+    for words, page in VERDICT.items() if heading[2] == "Verdict" else ():
 
         def link(found: re.Match[str], page: str = page) -> str:
             return element("a", found[0], href=address + page, rel="noreferrer")

@@ -192,4 +192,4 @@ def identifiability_section(material: ReportInput) -> Html:
         listed = ", ".join(f"{a} and {b} ({plain(r, 2)})" for a, b, r in pairs)
         advice = "A prior or a known value of one would narrow the other."
         content.append(paragraph(f"Estimates that are strongly correlated: {listed}. {advice}"))
-    return parts.section("Identifiability", *content)
+    return parts.section("Identifiability", *content, folded=not verdict.combinations)

@@ -24,9 +24,14 @@ def section(title: str, *content: str, figure: bool = False, folded: bool = Fals
     return element("section", *inner, **attributes)
 
 
+def capital(text: str) -> str:
+    """Text with a capital at its beginning."""
+    return text[:1].upper() + text[1:]
+
+
 def sentence(text: str) -> str:
     """Text with a capital at its beginning and a full stop at its end."""
-    return text[:1].upper() + text[1:] + ("" if text.endswith((".", "?", "!")) else ".")
+    return capital(text) + ("" if text.endswith((".", "?", "!")) else ".")
 
 
 def note(*words: str) -> Html:

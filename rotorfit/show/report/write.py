@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rotorfit.estimators.misfit.parameter_space import DATUM
+from rotorfit.identify.fitting.headline import rig_name, task_of
 from rotorfit.identify.fitting.quantities import THRESHOLD
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.structure.refine import Refinement
@@ -104,7 +105,7 @@ def write_report(
 
 def title_of(fit: FitResult) -> str:
     """The heading that a report has unless it is given another."""
-    return f"Rotor identification: {fit.model.name}"
+    return f"{rig_name(fit)}: {task_of(fit)}"
 
 
 def shares_of(fit: FitResult) -> Mapping[str, tuple[float, float]]:
@@ -151,20 +152,19 @@ def document(material: ReportInput, title: str) -> Html:
     from rotorfit.show.report.parameters import identifiability_section, interval_section, parameter_section
     from rotorfit.show.report.recorded import recordings_section
     from rotorfit.show.report.reproduce import reproduce_section
-    from rotorfit.show.report.verdict import verdict_section
+    from rotorfit.show.report.verdict import byline_of, notes_section, verdict_section
 
-    carrying, further = figure_sections(material)
     interactive = [interactive_section(material.fit)] if material.interactive else []
     sections = [
         verdict_section(material),
-        *carrying,
+        notes_section(material),
         parameter_section(material),
-        identifiability_section(material),
-        interval_section(material),
         budget_section(material),
         causes_section(material),
+        interval_section(material),
+        identifiability_section(material),
         *interactive,
-        *further,
+        *figure_sections(material),
         data_section(material),
         *recordings_section(material),
         model_section(material),
@@ -172,4 +172,4 @@ def document(material: ReportInput, title: str) -> Html:
         reproduce_section(material),
     ]
     sources = ", ".join(dict.fromkeys(e.source or "data in memory" for e in material.fit.experiments))
-    return page(title, sources, sections, scripted=interactive)
+    return page(title, f"{byline_of(material.fit)} · {sources}", sections, scripted=interactive)

@@ -49,9 +49,9 @@ def plot_trend(trend: MachineTrend, *, sheet: style.Sheet) -> Figure:
                     if len(values[part]):
                         mean = values[part].mean()
                         ends = [x[part][0], x[part][-1]]
-                        (handles["level"],) = axis.plot(ends, [mean, mean], color=style.COLOURS[1], linewidth=1.2)
+                        (handles["level"],) = axis.plot(ends, [mean, mean], color=style.CRITICAL, linewidth=1.2)
                         handles["scatter of one test"] = axis.fill_between(
-                            ends, mean - spread, mean + spread, color=style.COLOURS[1], alpha=0.15, linewidth=0
+                            ends, mean - spread, mean + spread, color=style.CRITICAL, alpha=0.15, linewidth=0
                         )
                 if place.found:
                     middle = x[split - 1] + (x[split] - x[split - 1]) / 2
@@ -100,7 +100,7 @@ def plot_rules(rules: Sequence[Rule], dates: Mapping[int, str]) -> Figure:
             linewidth=1,
         )
         if np.isfinite(rule.required):
-            handles["required"] = left.axhline(rule.required * factor, color=style.COLOURS[1], linewidth=1)
+            handles["required"] = left.axhline(rule.required * factor, color=style.CRITICAL, linewidth=1)
         name = "threshold speed" if rule.name == MARGIN else rule.name
         left.set_ylabel(style.labelled(name, unit), fontsize=style.SMALL_TYPE)
         style.date_ticks(left.xaxis)
