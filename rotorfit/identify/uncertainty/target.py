@@ -10,7 +10,6 @@ import numpy as np
 from rotorfit.base.array_types import Float
 from rotorfit.estimators.inference.caused_posterior import CausedPosterior
 from rotorfit.estimators.inference.caused_problem import CausedProblem
-from rotorfit.estimators.inference.ensemble_sampler import starting_places
 from rotorfit.estimators.inference.log_posterior import LogPosterior
 from rotorfit.identify.fitting.causes.solution import SolvedCauses, linear_causes
 from rotorfit.identify.fitting.noise.error_bars import effect_entries
@@ -102,6 +101,8 @@ class LogDensity:
             seed: of random numbers.
         """
         rng = np.random.RandomState(seed)
+        from rotorfit.estimators.inference.ensemble_sampler import starting_places  # late: it loads emcee
+
         return starting_places(self.density, self.start, self.covariance, count, rng)
 
 
