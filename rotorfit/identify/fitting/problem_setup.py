@@ -60,21 +60,8 @@ def check_model(model: Any) -> None:
 
 def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experiment], settings: FitSettings) -> Problem:
     """Lay a fit out as an optimisation problem."""
-    check_model(model)
-    several = as_tuple(experiments)
-    names = {*settings.known, *settings.bounds, *settings.priors, *settings.per, *settings.start}
-    betas = {name for name in names if name.startswith("beta")} - set(model.parameter_names)
-    if betas and "betas" in model.options():  # factors of its probes, which settings name
-        model = model.variant(betas=True)
-    if settings.baseline is not None and settings.stator_mass_kg is not None:
-        raise ValueError("baseline and stator_mass_kg are both given: the dry run holds the stator's mass; keep one")
-    if settings.stator_mass_kg is not None and not 0 < settings.stator_mass_kg < math.inf:
-        raise ValueError(f"stator_mass_kg is {settings.stator_mass_kg!r}; a mass is a positive number, kg")
-    if settings.loss not in LOSSES:
-        raise ValueError(unknown_name("loss", settings.loss, LOSSES))
-    for name in settings.per:
-        model.parameter(name)
-    several, blocks, suffixes = _observed(model, several, settings)
+    model = _checked(model, settings)
+    blocks, suffixes = _observed(model, as_tuple(experiments), settings)
     spread = settings.noise is not None and any(effect.kind == "phase" for effect in settings.noise.effects)
     # Offsets of all runs about their mean, with a spread that was found, come with the noise.
     nuisance, parts = ((), []) if spread else _phase_entries(blocks, settings.phase_offsets)
@@ -94,11 +81,29 @@ def build_problem(model: RotorModel, experiments: Experiment | Sequence[Experime
     return problem
 
 
+def _checked(model: RotorModel, settings: FitSettings) -> RotorModel:
+    """The model, with factors of its probes where settings name them; settings that contradict are refused."""
+    check_model(model)
+    names = {*settings.known, *settings.bounds, *settings.priors, *settings.per, *settings.start}
+    betas = {name for name in names if name.startswith("beta")} - set(model.parameter_names)
+    if betas and "betas" in model.options():  # factors of its probes, which settings name
+        model = model.variant(betas=True)
+    if settings.baseline is not None and settings.stator_mass_kg is not None:
+        raise ValueError("baseline and stator_mass_kg are both given: the dry run holds the stator's mass; keep one")
+    if settings.stator_mass_kg is not None and not 0 < settings.stator_mass_kg < math.inf:
+        raise ValueError(f"stator_mass_kg is {settings.stator_mass_kg!r}; a mass is a positive number, kg")
+    if settings.loss not in LOSSES:
+        raise ValueError(unknown_name("loss", settings.loss, LOSSES))
+    for name in settings.per:
+        model.parameter(name)
+    return model
+
+
 def _observed(
     model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings
-) -> tuple[tuple[Experiment, ...], tuple[Block, ...], tuple[Mapping[str, str], ...]]:
-    """Experiments as the model sees them, weights solved for their influences first; their blocks and parameter groups
-    by the suffixes of their names."""
+) -> tuple[tuple[Block, ...], tuple[Mapping[str, str], ...]]:
+    """Experiments as the model sees them, weights solved for their influences first, and the parameter groups by the
+    suffixes of their names."""
     influences = [None if model.eccentricity_dependent else weighed(experiment) for experiment in experiments]
     if len(experiments) == 1 and influences[0] is not None:
         _check_modes(model, influences[0], settings)
@@ -113,7 +118,7 @@ def _observed(
         if found is not None and block.linear is not None:
             block = correlated(block.linear, found)
         blocks.append(with_baseline(model, block, experiment, settings.baseline, settings.stator_mass_kg))
-    return seen, tuple(blocks), suffixes
+    return tuple(blocks), suffixes
 
 
 def _check_modes(model: RotorModel, influences: Influences, settings: FitSettings) -> None:

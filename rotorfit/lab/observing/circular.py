@@ -29,6 +29,7 @@ def observe(model: RotorModel, experiment: PerturbationTest, group: Index) -> Re
             raise ValueError(
                 f"{model.name} keeps x and y apart; readings in direction {', '.join(other)} do not fit it"
             )
+    if model.frame != "z" or not experiment.linear.any():
         return _assembled(model, experiment, group)
     parts, origin = whirl_parts(experiment, _uncoupled(model, experiment))
     return _assembled(model, parts, group[origin[:, 0]])
@@ -37,8 +38,6 @@ def observe(model: RotorModel, experiment: PerturbationTest, group: Index) -> Re
 def _uncoupled(model: RotorModel, test: PerturbationTest) -> Bool:
     """Rows at whose speed the model does not couple x with y: kappa at -w is the conjugate of that at w."""
     found = np.zeros(len(test), dtype=bool)
-    if not test.linear.any():
-        return found
     if model.of_modes:  # a complex gain is the phase of a mode shape
         return ~found
     typical = np.array([q.scale if q.default is None else q.default for q in model.parameters])
@@ -155,7 +154,7 @@ def _assembled(model: RotorModel, test: PerturbationTest, group: Index) -> Respo
         labels=labels,
         run=test.run[row],
         sigma_given=not np.isnan(sigma).any(),
-        force_noise=_force_noise(model, test, first),
+        force_noise=_force_noise(model, test, first) if test.force_sigma.any() else None,
         derivative=derivative if derivative.any() else None,
     )
     return block if block.sigma_given else with_noise(block, wrong, test.synchronous, _conditions(test)[row])
@@ -204,11 +203,9 @@ def _forces(model: RotorModel, test: PerturbationTest, first: Index) -> ComplexA
     return found
 
 
-def _force_noise(model: RotorModel, test: PerturbationTest, first: Index) -> ComplexArray | None:
-    """Covariance of each line's measured forces, of either part, shape ``(L, n, n)``; None where they are exact."""
+def _force_noise(model: RotorModel, test: PerturbationTest, first: Index) -> ComplexArray:
+    """Covariance of each line's measured forces, of either part, shape ``(L, n, n)``."""
     sigma = test.force_sigma[first]
-    if not sigma.any():
-        return None
     found = np.zeros((first.size, len(model.coordinates), len(model.coordinates)), dtype=complex)
     for line, row in enumerate(first.tolist()):
         for plane, _, axis in test.acting(row):
