@@ -9,10 +9,12 @@ import warnings
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from known_shaft import rig_matrices
 from plain import plain_fit
 from scipy.io import loadmat, savemat
+from seal_rig import FLUID, floating_stator
 from sentences import refuses
 
 import rotorfit as rf
@@ -482,3 +484,53 @@ def test_an_element_is_built_by_its_own_line_alone(fit, ross, tmp_path):
         fit.to_ross([0, 100, 200, 300, 400], version=other)["oil"].build()
     with refuses(ValueError):
         fit.to_ross([0, 100, 200, 300, 400])["oil"].save(tmp_path / "oil.csv")
+
+
+@pytest.fixture(scope="module")
+def by_speed_and_pressure():
+    """A seal on a floating stator at three speeds and two pressures, each with coefficients of its own."""
+    tables = [
+        floating_stator(speeds_rpm=(1500.0, 3000.0, 4500.0), mass=0.0, exact=True, frequency_hz=np.linspace(20, 200, 9))
+        .assign(P_bar=bar, amplitude_um=lambda own, bar=bar: own["amplitude_um"] * 30.0 / bar)
+        .assign(run=lambda own, bar=bar: own["run"] + f" {bar:g}")
+        for bar in (15.0, 30.0)
+    ]
+    names = [kind + row + column for kind in "KDM" for row in "xy" for column in "xy"]
+    test = rf.read(pd.concat(tables))
+    model = rf.models.Anisotropic(("stator",))
+    return [
+        plain_fit(model, test, per=dict.fromkeys(names, "speed_rpm+P_bar")),
+        plain_fit(model, rf.read(tables[1]), per=dict.fromkeys(names, "speed_rpm")),
+    ]
+
+
+@pytest.mark.parametrize("version", ["2.3", "3.1"])
+def test_one_table_over_the_speeds_that_were_fitted_one_by_one(by_speed_and_pressure, version):
+    """Rows at the tested speeds are the truth of the simulation; older lines of ROSS get rows between."""
+    both, one = by_speed_and_pressure
+    rpm = np.array([1500.0, 3000.0, 4500.0])
+    options = {"version": version, "nodes": {"stator": 0}}
+    tables = [
+        (one.to_ross(**options), 1.0),
+        (one.to_ross(speed_rpm=rpm, **options), 1.0),
+        (both.to_ross(at={"P_bar": 15}, **options), 0.5),
+        (both.to_ross(at={"P_bar": 30}, **options), 1.0),
+    ]
+    for found, share in tables:
+        table = found["stator"].arguments
+        speeds = np.array(table["speed" if version == "3.1" else "frequency"])
+        assert speeds.size == (3 if version == "3.1" else 5)
+        for v in rpm:
+            row = int(np.abs(speeds - v * np.pi / 30).argmin())
+            assert speeds[row] == pytest.approx(v * np.pi / 30)
+            for name in ("Kxx", "Kxy", "Kyx", "Kyy", "Dxx", "Dyx"):
+                own = table[name.lower().replace("d", "c")][row]
+                assert own == pytest.approx(share * FLUID(v)[name], rel=1e-6)
+
+
+def test_a_table_of_several_conditions_of_a_speed_asks_for_one(by_speed_and_pressure):
+    both, one = by_speed_and_pressure
+    with refuses(ValueError):
+        both.to_ross(version="3.1", nodes={"stator": 0})
+    with refuses(ValueError):
+        one.to_ross(speed_rpm=[1500, 2000], version="3.1", nodes={"stator": 0})

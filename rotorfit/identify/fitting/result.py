@@ -748,13 +748,14 @@ class FitResult:
         ``cxy = -cyx = 2 lam Om Mf`` at the given speeds and at the threshold speed, where that lies among them.
 
         Args:
-            speeds: rotative speeds, rad/s, at least five.
+            speeds: rotative speeds, rad/s, at least five; of parameters that were fitted speed by speed, some of these
+                speeds, by default all.
             speed_rpm: the same in rpm.
             version: of ROSS, "2.3" or "3.1", by default the one that is installed. A table over speed is called
                 ``frequency`` up to 2.x and ``speed`` from 3.0 on, and each line takes the other's for something else.
             nodes: node of the ROSS rotor at each plane, for models that do not know it.
             element: "bearing" or "seal".
-            at: names a group of parameters, as for :meth:`group`.
+            at: names a group of parameters, as for :meth:`group`, or one at each speed: ``{"P_bar": 30}``.
             eccentricity: orbit radius over clearance, for models with a law.
 
         Returns:
@@ -768,9 +769,17 @@ class FitResult:
             >>> sorted(element.arguments)[:5]
             ['cxx', 'cxy', 'cyx', 'cyy', 'kxx']
         """
-        from rotorfit.lab.io.shafts.ross_elements import ross_elements
+        from rotorfit.identify.fitting.structure.coefficients import groups_by_speed
+        from rotorfit.lab.io.shafts.ross_elements import elements_of_speeds, ross_elements
 
-        rows, group = np.asarray(in_rad_s("speed", speeds, rpm=speed_rpm), dtype=float), self.group(at)
+        groups = groups_by_speed(self, at)
+        if groups and speeds is None and speed_rpm is None:
+            speeds = list(groups)
+        rows = np.asarray(in_rad_s("speed", speeds, rpm=speed_rpm), dtype=float)
+        given: dict[str, Any] = {"version": version, "nodes": nodes, "element": element, "eccentricity": eccentricity}
+        if groups:
+            return elements_of_speeds(self.model, lambda v: theta_at(self, groups[v], v), rows, list(groups), **given)
+        group = self.group(at)
         onset = self.threshold_of(group).value
         if rows.size and rows.min() < onset < rows.max():
             rows = np.append(rows, onset)
@@ -778,10 +787,7 @@ class FitResult:
             self.model,
             lambda speed: theta_at(self, group, speed),
             rows,
-            version=version,
-            nodes=nodes,
-            element=element,
-            eccentricity=eccentricity,
+            **given,
         )
 
     # ---- posterior, imported when asked for --------------------------------------------------------------------------

@@ -28,6 +28,7 @@ from rotorfit.estimators.starting.force_balance import stiffness_matrices
 from rotorfit.identify.fitting.propagation import by_values_of_causes, covariance_of, propagated, theta_at
 from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult
+from rotorfit.lab.data.rows import in_words
 from rotorfit.lab.io.tables.result_tables import frame_csv
 from rotorfit.models.coefficient_tables import COEFFICIENTS, force_planes, plane_force
 from rotorfit.models.shafts.angular_rates import angular_rate
@@ -295,6 +296,40 @@ def coefficient_rows(fit: FitResult, speeds: Sequence[float] | None, plane: str 
         labels = fit.problem.space.labels
         wanted = [(speed, dict(one.split("=", 1) for one in labels[group])) for group, speed in sorted(pairs)]
     return CoefficientRows(tuple(coefficients_of(fit, speed, plane, at, 0.0) for speed, at in wanted))
+
+
+def groups_by_speed(fit: FitResult, at: Mapping[str, Any] | None) -> dict[float, int]:
+    """Number of the parameter group of each set speed, rad/s, of parameters fitted speed by speed, of those groups that
+    have the values ``at``; empty where one group holds at every speed.
+
+    Raises:
+        ValueError: several groups of one speed.
+    """
+    wanted = {name: in_words(value) for name, value in (at or {}).items()}
+    found: dict[float, set[int]] = {}
+    for block in fit.problem.responses:
+        for group, speed in zip(block.group.tolist(), block.set_speed.tolist(), strict=True):
+            if wanted.items() <= _settings(fit, group).items():
+                found.setdefault(round(speed, 6), set()).add(group)
+    if len(set().union(*found.values())) < 2:
+        return {}
+    if several := [groups for groups in found.values() if len(groups) > 1]:
+        first, other = (_settings(fit, group) for group in sorted(several[0])[:2])
+        differing = next(name for name in first if first[name] != other.get(name))
+        raise ValueError(
+            f"parameters were fitted per {differing} too: say of which the table is, at={{{differing!r}: "
+            f"{first[differing]}}}"
+        )
+    return {speed: groups.pop() for speed, groups in sorted(found.items())}
+
+
+def _settings(fit: FitResult, group: int) -> dict[str, str]:
+    """Values of the attributes that a group of parameters was fitted per."""
+    found: dict[str, str] = {}
+    for label in fit.problem.space.labels[group]:  # such as speed_rpm+pressure_bar=3000+2
+        names, _, values = label.partition("=")
+        found |= dict(zip(names.split("+"), values.split("+"), strict=False))
+    return found
 
 
 def lines_by_condition(fit: FitResult) -> list[str]:

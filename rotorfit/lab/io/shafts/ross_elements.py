@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
@@ -23,6 +23,11 @@ ElementKind: TypeAlias = Literal["bearing", "seal"]
 
 LEAST_SPEEDS = 5
 """Rows that a table of ROSS 2.x needs for its cubic splines to hold what is quadratic in speed."""
+
+_SAME_SPEED = 1e-3
+"""Relative distance up to which a speed is one that was tested, as in tables of coefficients."""
+_LEAST_TESTED = 2
+"""Rows between which there is something to interpolate."""
 
 _CLASSES = {"bearing": "BearingElement", "seal": "SealElement"}
 _AXES = (("xx", 0, 0), ("yy", 1, 1), ("xy", 0, 1), ("yx", 1, 0))
@@ -87,22 +92,79 @@ def ross_elements(
     eccentricity: float,
 ) -> dict[str, RossElement]:
     """Elements by plane, see :meth:`rotorfit.identify.fitting.result.FitResult.to_ross`; values at rotative speeds."""
-    if element not in _CLASSES:
-        raise ValueError(f"element is {element!r}; allowed: {', '.join(map(repr, _CLASSES))}")
-    given = installed_ross() if version is None else str(version)
-    if given is None:
-        raise ValueError("ROSS is not installed here: give the version that the element is for, version='2.3' or '3.1'")
-    line = line_of(given)
     at = np.unique(np.asarray(speeds, dtype=float).reshape(-1))
     if at.size < LEAST_SPEEDS or not np.isfinite(at).all() or at[0] < 0:
         raise ValueError(
             f"speeds must be at least {LEAST_SPEEDS} different ones from zero, rad/s, so that ROSS's interpolation "
             f"holds what is quadratic in speed; got {at.tolist()}"
         )
-    forces = {  # real matrices of x and y by powers of s, shape (speeds, 3, 2, 2)
-        plane: np.array([plane_force(model, values_at(v), v, plane, eccentricity).values for v in at.tolist()])
+    forces = _forces(model, values_at, at, eccentricity)
+    return _elements(model, at, forces, version, nodes, element)
+
+
+def elements_of_speeds(
+    model: RotorModel,
+    values_at: Callable[[float], Float],
+    speeds: Float,
+    tested: Sequence[float],
+    *,
+    version: str | int | None,
+    nodes: Mapping[str, int] | None,
+    element: ElementKind,
+    eccentricity: float,
+) -> dict[str, RossElement]:
+    """The same of values that were fitted speed by speed, at some of these. Where ROSS needs more rows for its splines,
+    rows between are interpolated as later lines of ROSS do it, without overshoot."""
+    from scipy.interpolate import PchipInterpolator
+
+    known = np.asarray(tested)
+    nearest = known[np.abs(known[:, None] - speeds.reshape(-1)).argmin(axis=0)]
+    off = np.abs(nearest - speeds.reshape(-1)) > _SAME_SPEED * np.maximum(nearest, 1.0)
+    if off.any() or nearest.size < _LEAST_TESTED:
+        there = ", ".join(significant(v, 6) for v in known.tolist())
+        raise ValueError(
+            f"parameters were fitted speed by speed, at {there} rad/s: a table has rows at {_LEAST_TESTED} of these or "
+            f"more; got {np.asarray(speeds).tolist()}"
+        )
+    at = np.unique(nearest)
+    forces = _forces(model, values_at, at, eccentricity)
+    while at.size < LEAST_SPEEDS and _line(version) < SPEED_FROM:
+        more = np.sort(np.concatenate([at, (at[1:] + at[:-1]) / 2]))
+        forces = {plane: PchipInterpolator(at, force)(more) for plane, force in forces.items()}
+        at = more
+    return _elements(model, at, forces, version, nodes, element)
+
+
+def _forces(
+    model: RotorModel, values_at: Callable[[float], Float], speeds: Float, eccentricity: float
+) -> dict[str, Float]:
+    """Real matrices of x and y by powers of s, shape ``(speeds, 3, 2, 2)``, by plane."""
+    return {
+        plane: np.array([plane_force(model, values_at(v), v, plane, eccentricity).values for v in speeds.tolist()])
         for plane in force_planes(model)
     }
+
+
+def _line(version: str | int | None) -> int:
+    """Line of ROSS that elements are for, by default the one that is installed."""
+    given = installed_ross() if version is None else str(version)
+    if given is None:
+        raise ValueError("ROSS is not installed here: give the version that the element is for, version='2.3' or '3.1'")
+    return line_of(given)
+
+
+def _elements(
+    model: RotorModel,
+    at: Float,
+    forces: dict[str, Float],
+    version: str | int | None,
+    nodes: Mapping[str, int] | None,
+    element: ElementKind,
+) -> dict[str, RossElement]:
+    """Elements of forces at rotative speeds."""
+    if element not in _CLASSES:
+        raise ValueError(f"element is {element!r}; allowed: {', '.join(map(repr, _CLASSES))}")
+    line = _line(version)
     forces = {plane: force for plane, force in forces.items() if force.any()}
     rotor = model.on_own_supports
     where = {**rotor.nodes, **(nodes or {})}
