@@ -46,7 +46,8 @@ class Refinement(Printed):
     @property
     def candidates(self) -> tuple[FitResult, ...]:
         """The steps, the chosen one as it was fitted at last, so that its numbers are those of ``best``."""
-        return tuple(self.best if step.model is self.best.model else step for step in self.steps)
+        own = self.best.model, self.best.var_names  # which factors of probes are freed, the model need not say
+        return tuple(self.best if (step.model, step.var_names) == own else step for step in self.steps)
 
     def table(self) -> str:
         """The candidates as a table, the chosen one marked: the block each tried, and the symbols of all its blocks."""
