@@ -149,15 +149,16 @@ def local_response(
 def _between_tones(records: Sequence[RecordSpectra], edges: Float) -> Float:
     """Edges of bands that hold as many tones of a multisine as a polynomial has coefficients, so that the nodes are the
     tones; the edges as they are under other forces, and where the tones lie closer."""
-    whole, few = 0.9, 0.25  # share of the power, and of the lines that hold it, up to which these are tones
+    least = 0.01  # power of a line over the loudest one's, from which it is of a tone
     record = records[0]
     inside = (record.frequency >= edges[0]) & (record.frequency <= edges[-1])
     power, lines = np.sum(np.abs(record.forces[:, inside]) ** 2, axis=0), record.frequency[inside]
-    loudest = np.argsort(power)[::-1]
-    held = np.sort(loudest[: int(np.searchsorted(np.cumsum(power[loudest]), whole * power.sum())) + 1])
-    tones = np.split(lines[held], np.flatnonzero(np.diff(held) > 1) + 1)
+    held = np.flatnonzero(power >= least * power.max(initial=0.0))
+    apart = np.diff(held)
+    tones = np.split(lines[held], np.flatnonzero(apart > 1) + 1)
     bands = len(tones) // (SMOOTH_DEGREE + 1)
-    if held.size > few * lines.size or not 1 <= bands < edges.size:
+    # A sweep falls into pieces too, some longer than what parts them; tones are narrower than their distance.
+    if not 1 <= bands < edges.size or max(tone.size for tone in tones) > apart[apart > 1].min(initial=lines.size) - 1:
         return edges
     gaps = np.array([(one[-1] + other[0]) / 2 for one, other in pairwise(tones)])
     return np.concatenate([edges[:1], gaps[SMOOTH_DEGREE :: SMOOTH_DEGREE + 1][: bands - 1], edges[-1:]])

@@ -8,7 +8,13 @@ from sentences import refuses
 from slow_cases import slow_but
 from swept import Rotor, Sweep, two_modes
 
-from rotorfit.estimators.signals.local_response import RecordSpectra, gauss_nodes, local_response
+from rotorfit.estimators.signals.local_response import (
+    SMOOTH_DEGREE,
+    RecordSpectra,
+    _between_tones,
+    gauss_nodes,
+    local_response,
+)
 
 RATE = 1024.0
 OMEGA = 157.0
@@ -155,3 +161,36 @@ def test_pole_of_a_resonance_narrower_than_the_bands_is_found_and_followed() -> 
         ratios.append(((found.response[0] - rotor.receptance(found.frequency)) / found.sigma[0])[:, near].ravel())
     ratio = np.concatenate(ratios)
     assert np.sqrt(np.mean(np.abs(ratio) ** 2) / 2) == pytest.approx(1.0, abs=0.25)
+
+
+def spectra_of(force: np.ndarray, rate: float) -> list[RecordSpectra]:
+    w = 2 * np.pi * np.fft.rfftfreq(force.size, 1 / rate)
+    none = np.zeros((0, w.size), dtype=complex)
+    return [RecordSpectra(frequency=w, outputs=none, forces=np.fft.rfft(force)[None], others=none)]
+
+
+@pytest.mark.parametrize("seconds", [2.0, 6.0, 30.0])
+@pytest.mark.parametrize("shape", ["linear", "logarithmic", "growing"])
+def test_pieces_of_a_sweep_are_no_tones(seconds: float, shape: str) -> None:
+    """A short sweep's spectrum ripples, and the force of an unbalance grows with the square of the speed."""
+    rate, first, last = 500.0, 5.0, 25.0
+    t = np.arange(int(seconds * rate)) / rate
+    turns = first * t + (last - first) * t**2 / (2 * seconds)
+    if shape == "logarithmic":
+        turns = first * seconds / np.log(last / first) * ((last / first) ** (t / seconds) - 1)
+    force = np.cos(2 * np.pi * turns) * (np.gradient(turns, t) ** 2 if shape == "growing" else 1.0)
+    edges = np.linspace(20.0, 180.0, 9)
+    assert np.array_equal(_between_tones(spectra_of(force, rate), edges), edges)
+
+
+@pytest.mark.parametrize("step", [0.5, 1.0])
+def test_bands_lie_between_tones_of_a_multisine(step: float) -> None:
+    rate, tones = 500.0, np.arange(6.0, 30.0, step)
+    t = np.arange(int(40 * rate)) / rate
+    phase = np.pi * np.arange(tones.size) ** 2 / tones.size
+    force = np.cos(2 * np.pi * tones[:, None] * t + phase[:, None]).sum(axis=0)
+    edges = np.linspace(2 * np.pi * 5.9, 2 * np.pi * 30.1, 400)
+    found = _between_tones(spectra_of(force, rate), edges) / (2 * np.pi)
+    held = np.histogram(tones, found)[0]
+    assert (held[:-1] == SMOOTH_DEGREE + 1).all()
+    assert held.sum() == tones.size
