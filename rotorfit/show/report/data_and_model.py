@@ -47,7 +47,8 @@ def data_section(material: ReportInput) -> Html:
         "part in it."
     )
     count = f"{fit.ndata} real data (two for each complex reading) and {fit.nvarys} fitted values."
-    mounted = any(block.remarks for block in fit.problem.blocks)
+    balanced = any(test.synchronous for test in fit.experiments)
+    mounted = balanced and any(block.remarks for block in fit.problem.blocks)
     content.append(paragraph(f"{count} {_FROM_MOUNTINGS if mounted else _FROM_READINGS}{weights}"))
     return section("Test and data", *content)
 
