@@ -14,7 +14,7 @@ from synthetic import TYPICAL, circular_test
 
 import rotorfit as rf
 from rotorfit.models import OneMode, TwoDisk
-from rotorfit.show.plots.figure_table import figures_of
+from rotorfit.show.plots.figure_table import figures_of, first_figures
 
 SPEEDS = (100.0, 180.0)
 W = np.concatenate([-np.linspace(20.0, 200.0, 30)[::-1], np.linspace(20.0, 200.0, 30)])
@@ -205,5 +205,6 @@ def test_no_empty_figure_is_drawn() -> None:
     seen = test.select((test.plane == model.planes[1]) & (test.force_plane == model.planes[0]))
     fit = plain_fit(model, seen, known={name: TYPICAL["two-disk"][name] for name in ("M1", "M2", "K1")})
     assert [figure.name for figure in figures_of(fit)] == ["bode", "polar", "residuals"]
+    assert [name for good in (True, False) for name, _ in first_figures(fit, good=good)] == ["misfit"]
     with refuses(ValueError):
         fit.plot.dynamic_stiffness()

@@ -12,6 +12,7 @@ import law_data
 import numpy as np
 import pytest
 from report_pages import Page, made_profile, normal_draws, report_of
+from seal_rig import FLUID, floating_stator
 from sentences import refuses
 from slow_cases import slow_but
 from synthetic import (
@@ -460,3 +461,15 @@ def test_warnings_of_the_data_stand_in_the_verdict(tmp_path: Path) -> None:
     fit = rf.fit(rf.models.WhirlWhip(), test, known={"K3": 6000.0})
     page = report_of(fit, tmp_path / "report.html")
     assert "reads 1.25 times" in page.text.partition("<h2>Dynamic stiffness")[0]
+
+
+def test_a_dry_run_is_no_weight(tmp_path: Path) -> None:
+    """The report of a seal says nothing of weights, nor of the stability of a stator without a rotor."""
+    wet, dry = (
+        rf.read(floating_stator(speeds_rpm=[rpm], fluid=fluid, motion_noise=0.1, sigma_um=0.1, force_sigma=0.1))
+        for rpm, fluid in ((3000.0, FLUID), (0.0, None))
+    )
+    fit = rf.fit(rf.models.Anisotropic(("stator",)), wet, baseline=dry)
+    page = report_of(fit, tmp_path / "report.html", figure_format="none")
+    assert "weights were solved" not in page.text
+    assert "Threshold of instability" not in page.text

@@ -129,7 +129,7 @@ def first_figures(fit: FitResult, *, good: bool) -> list[tuple[str, str]]:
     """
     kinds = {kind for block in fit.problem.blocks for kind in _kinds(block)}
     found = []
-    if "responses" in kinds:
+    if "stiffness" in kinds:
         found.append(("quadrature", "Quadrature stiffness against frequency"))
     if "coefficients" in leads_of(fit) and fit.speeds.any():
         found.append(("whirl_ratio", "Whirl frequency ratio against speed"))
