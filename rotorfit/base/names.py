@@ -24,6 +24,7 @@ def unknown_name(kind: str, name: str, allowed: Iterable[str]) -> str:
 def nearest(name: str, allowed: Iterable[str], cutoff: float) -> str:
     """The nearest of some names that is of the same unit; empty where none is."""
     near = difflib.get_close_matches(name[:_LONGEST], list(allowed), n=5, cutoff=cutoff)
+    near.sort(key=lambda other: sorted(other) != sorted(name))  # letters exchanged, before others left out
     return next((other for other in near if _same_unit(name, other)), "")
 
 

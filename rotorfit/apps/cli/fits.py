@@ -31,6 +31,7 @@ from rotorfit.apps.study_files.study import Study
 from rotorfit.apps.study_files.study_file import read_study
 from rotorfit.apps.study_files.text import describe_test, summary
 from rotorfit.apps.study_files.wording import sentence
+from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.show.report.interactive import check_interactive
 
 
@@ -111,7 +112,10 @@ def _identify(study: Study, options: argparse.Namespace, rig: str = "") -> ExitC
     return give(found, options)
 
 
-add_info = add_files
+def add_info(to: argparse.ArgumentParser) -> None:
+    """Options of ``rotorfit info``."""
+    add_files(to)
+    option(to, "--json", "print what each test holds as JSON instead of text")
 
 
 @answered
@@ -121,7 +125,19 @@ def info(options: argparse.Namespace) -> Answer:
         tests = read_files(data_files(options), progress)
     wrong = any(finding.severity == "error" for findings in tests[1] for finding in findings)
     text = "\n\n".join(describe_test(test, findings) for test, findings in zip(*tests, strict=True))
-    return Answer(text=text, good=not wrong)
+    found = [
+        {
+            "source": test.source,
+            "kind": test.kind,
+            "readings": len(test),
+            "runs": test.runs,
+            "planes": test.planes,
+            "speed_rpm": sorted({round(v, 3) for v in (test.set_speed * RPM_PER_RAD_S).tolist()}),
+            "findings": [{"severity": f.severity, "code": f.code, "message": f.message} for f in findings],
+        }
+        for test, findings in zip(*tests, strict=True)
+    ]
+    return Answer(text=text, plain=lambda: found, good=not wrong)
 
 
 def add_open(to: argparse.ArgumentParser) -> None:

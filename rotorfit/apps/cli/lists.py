@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from rotorfit.apps.cli.answer import Answer, answered
+from rotorfit.apps.cli.arguments import option
 from rotorfit.base.names import unknown_name
 from rotorfit.lab.io.templates import KINDS, example
 from rotorfit.models import MODELS, KnownStructure
@@ -34,6 +35,7 @@ def template(options: argparse.Namespace) -> Answer:
 def add_models(to: argparse.ArgumentParser) -> None:
     """Options of ``rotorfit models``."""
     to.add_argument("name", nargs="?", help="only this one")
+    option(to, "--json", "print the parameters as JSON instead of tables")
 
 
 @answered
@@ -43,9 +45,11 @@ def models(options: argparse.Namespace) -> Answer:
     known = {**{name: model() for name, model in MODELS.items()}, one.name: one}
     if options.name is not None and options.name not in known:
         raise ValueError(unknown_name("model", options.name, MODELS))
+    chosen = list(known.values()) if options.name is None else [known[options.name]]
     tables = []
-    for model in known.values() if options.name is None else (known[options.name],):
+    for model in chosen:
         head, _, rows = model.describe().partition("\n")
         first = (model.__doc__ or "").partition("\n")[0]
         tables.append(f"{head}\n  {first}\n{rows}")
-    return Answer(text="\n\n".join(tables))
+    rows_of = {model.name: [vars(parameter) for parameter in model.parameters] for model in chosen}
+    return Answer(text="\n\n".join(tables), plain=lambda: rows_of)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import sys
 import traceback
 import warnings
@@ -25,6 +26,7 @@ from rotorfit.apps.study_files.wording import sentence
 from rotorfit.base.atomic_file import protected_inputs
 from rotorfit.base.caches import cache_home
 from rotorfit.base.file_reading import shown
+from rotorfit.base.names import nearest
 from rotorfit.base.version import VERSIONS
 
 COMMANDS = {
@@ -72,6 +74,31 @@ COMMANDS = {
 """The module of each command and what it is for. The module, with all that it needs, is imported when the command is
 used: ``add_NAME`` adds the options, and ``NAME`` does the work and returns the exit code."""
 
+EXAMPLES = {
+    "demo": "demo --out demo",
+    "fit": "fit rig.csv --model whirl-whip --known K3=6000 --out results",
+    "run": "run study.toml --out results",
+    "campaign": "campaign runs.csv --model one-mode --known M=1.2 --out results",
+    "compare-laws": "compare-laws sweep.csv --model one-mode --clearance-um 100",
+    "simulate": "simulate --set M=1.2 --speed-rpm 1000 --out test.csv",
+    "vectors": "vectors sweep.h5 --setup rig.toml --out responses.csv",
+    "join": "join reference.csv trial.csv --out both.csv",
+    "balance": "balance both.csv --out weights",
+    "predict": "predict fit.json --speed 500:2000:50 --synchronous --mr-g-mm 30",
+    "plan": "plan plan.toml --out plan",
+    "judge": "judge fit.json --max-speed 2000 --min-decrement 0.1",
+    "store": "store add machine.db tests/*.csv --study study.toml",
+    "open": "open tests",
+    "watch": "watch inbox --study study.toml --store machine.db --once",
+    "template": "template perturbation > test.csv",
+    "look": "look sweep.h5 --setup rig.toml --out figures",
+    "trend": "trend dated.csv --out trend",
+    "models": "models whirl-whip",
+    "info": "info rig.csv",
+    "completion": "completion bash",
+}
+"""A line for each command that may be typed as it stands, with files of one's own."""
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line.
@@ -102,11 +129,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _carry_out(arguments: Sequence[str] | None) -> int:
     """Do what the words say; what is wrong with them, or with the files that they name, becomes a sentence."""
-    words = sys.argv[1:] if arguments is None else arguments
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if words[:1] == ["help"]:
+        words = [*words[1:], "--help"]
     asked = [word for word in words if word in COMMANDS][:1]
     if asked:
         cache_home()  # before packages that have caches are loaded
     parser = build_parser(asked)
+    _refuse_misspelt(parser, words)
     options = parser.parse_args(words)
     if options.command is None:
         parser.print_help()
@@ -140,7 +170,30 @@ class _Parser(argparse.ArgumentParser):
     """A parser that refuses in one sentence, as the rest of the program does."""
 
     def error(self, message: str) -> NoReturn:
+        wrong = re.search(r"invalid choice: '(.*?)' \(choose from (.*)\)", message)
+        near = wrong and nearest(wrong[1], re.findall(r"[\w-]+", wrong[2]), 0.5)
+        if near:
+            message = f"{message.partition(' (choose')[0]}, did you mean {near!r}?"
         self.exit(ExitCode.BAD_INPUT, f"rotorfit: {message}; `{self.prog} --help` says what there is\n")
+
+
+def _refuse_misspelt(parser: argparse.ArgumentParser, words: Sequence[str]) -> None:
+    """Name the option that was meant, before anything is found to be missing."""
+    known = _options_of(parser)
+    for word in (word.partition("=")[0] for word in words if word.startswith("--")):
+        near = "" if word in known or word == "--" else nearest(word, known, 0.6)
+        if near:
+            parser.error(f"unrecognized arguments: {word}, did you mean {near}?")
+
+
+def _options_of(parser: argparse.ArgumentParser) -> list[str]:
+    """All options of a parser and of the commands below it."""
+    found: list[str] = []
+    for action in parser._actions:
+        found += action.option_strings
+        if isinstance(action.choices, dict):
+            found += [option for below in action.choices.values() for option in _options_of(below)]
+    return found
 
 
 def build_parser(filled: Iterable[str] = tuple(COMMANDS)) -> argparse.ArgumentParser:
@@ -156,7 +209,8 @@ def build_parser(filled: Iterable[str] = tuple(COMMANDS)) -> argparse.ArgumentPa
     whole.set_defaults(command=None)
     group = whole.add_subparsers(metavar="COMMAND")
     for name, (home, help) in COMMANDS.items():
-        added = group.add_parser(name, help=help, description=help, allow_abbrev=False)
+        example = f"Example: rotorfit {EXAMPLES[name]}"
+        added = group.add_parser(name, help=help, description=help, epilog=example, allow_abbrev=False)
         if name in filled:
             module, function = import_module(f"rotorfit.apps.cli.{home}"), name.replace("-", "_")
             getattr(module, f"add_{function}")(added)

@@ -81,6 +81,7 @@ def add_look(to: argparse.ArgumentParser) -> None:
     option(to, "--clearance-um UM", "radial clearance, drawn in orbits and centrelines", positive_word)
     words = "subtract run-out, from the part below this speed or from a recording of slow turning"
     option(to, "--slow-roll RPM|FILE", words)
+    option(to, "--json", "print what each recording holds as JSON instead of its summary")
     option(to, "--quiet", "print no progress and no summary")
 
 
@@ -107,6 +108,15 @@ def look(options: argparse.Namespace) -> Answer:
     findings = [record.findings for record in records]
     return Answer(
         text="\n\n".join([*texts, *(["\n".join(left_out)] if left_out else [])]),
+        plain=lambda: [
+            {
+                "name": record.name,
+                "duration_s": record.duration,
+                "planes": record.planes,
+                "findings": [{"severity": f.severity, "code": f.code, "message": f.message} for f in record.findings],
+            }
+            for record in records
+        ],
         warned=sentences(findings, [record.name for record in records]),
         good=not any(finding.severity == "error" for own in findings for finding in own),
     )

@@ -1,0 +1,57 @@
+"""Unknown words are answered with the nearest; every help has an example; tables are there as JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+
+import pytest
+
+import rotorfit as rf
+from rotorfit.apps.cli.main import COMMANDS, EXAMPLES, build_parser
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        (("fitt", "rig.csv"), "'fit'"),
+        (("simulat",), "'simulate'"),
+        (("fit", "rig.csv", "--modle", "one-mode"), "--model"),
+        (("judge", "fit.json", "--max-sped", "2000"), "--max-speed"),
+        (("store", "lsit", "machine.db"), "'list'"),
+    ],
+)
+def test_a_misspelt_word_is_answered_with_the_nearest(run: Run, words: tuple[str, ...], meant: str) -> None:
+    code, _, said = run(*words)
+    assert code == 2
+    assert f"did you mean {meant}?" in said
+    assert len(said.strip().splitlines()) == 1
+
+
+def test_help_is_a_command_too(run: Run) -> None:
+    assert run("help", "fit")[:2] == run("fit", "--help")[:2]
+    assert run("help")[0] == 0
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_help_has_an_example_that_the_command_line_takes(name: str) -> None:
+    words = EXAMPLES[name].partition(" > ")[0].split()
+    assert words[0] == name
+    assert build_parser([name]).parse_args(words).command is not None
+    assert len(EXAMPLES[name]) <= 70  # one line of a terminal, which does not break it
+
+
+def test_tables_are_there_as_json(run: Run) -> None:
+    code, out, _ = run("models", "whirl-whip", "--json")
+    assert (code, [p["name"] for p in json.loads(out)["whirl-whip"]]) == (
+        0,
+        list(rf.models.WhirlWhip().parameter_names),
+    )
+    code, out, _ = run("info", str(rf.datasets.path("rig_open.csv")), "--json")
+    [test] = json.loads(out)
+    assert (code, test["readings"], test["speed_rpm"]) == (0, 4032, [1000, 2000])
+    code, out, _ = run("look", str(rf.datasets.path("volts_disk-fwd.h5")), "--json")
+    [record] = json.loads(out)
+    assert (code, record["planes"], record["findings"]) == (0, ["disk", "journal"], [])
