@@ -62,11 +62,11 @@ def dynamic_stiffness(block: Responses, theta: Float) -> ComplexArray:
 
 def _coefficients(block: Responses, theta: Float) -> ComplexArray:
     """Coefficients of powers of s, shape ``(power, row, column, ..., line)``, one line where all are alike."""
-    index, group, speed = block.condition
+    (index, group, speed), functions = block.condition, block.model.functions
     if speed.size == 1:
-        coefficients = block.model.coefficients(theta[..., group[0], :], speed[0])[..., None, :, :, :]
+        coefficients = functions.values(theta[..., group[0], :], speed[0], 0.0)[..., None, :, :, :]
     else:
-        coefficients = block.model.coefficients(theta[..., group, :], speed)
+        coefficients = functions.values(theta[..., group, :], speed, 0.0)
     axes = coefficients.ndim - 3
     coefficients = coefficients.transpose(axes, axes + 1, axes + 2, *range(axes))
     return coefficients[..., index] if speed.size > 1 else coefficients
