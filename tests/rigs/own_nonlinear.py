@@ -75,6 +75,27 @@ class LaggingSeal(RotorModel):
         return stiffness, [[0, p.D], [0, unit * p.tau]], [[p.M, 0], [0, 0]]
 
 
+class ShortSeal(RotorModel):
+    """A seal on a mass, all of its force in names of the user's own."""
+
+    name = "short-seal"
+    planes = ("shaft",)
+    clearance = 2e-4
+    parameters = (
+        Parameter("m", "kg", "mass", scale=2.0, lower=0.0),
+        Parameter("s", "N/m", "stiffness", scale=2e4),
+        Parameter("c", "N s/m", "damping", scale=300.0),
+        Parameter("r", "1", "ratio", scale=0.5),
+        Parameter("e", "1", "growth"),
+        Parameter("f", "1", "fall of the ratio", scale=0.5),
+    )
+
+    def equation(self, p, speed, eccentricity):
+        grown = (1 - eccentricity**2) ** -p.e
+        ratio = p.r * (1 - eccentricity) ** p.f
+        return [[p.s * grown - J * (p.c * grown * ratio * speed)]], [[p.c * grown]], [[p.m]]
+
+
 def _diagonal(*entries):
     return [[entry if row == column else 0.0 for column in range(3)] for row, entry in enumerate(entries)]
 

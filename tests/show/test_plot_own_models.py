@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from own_nonlinear import Damper, LaggingSeal, ThreeModes, damper_tests, seal_tests, three_tests
+from own_nonlinear import Damper, LaggingSeal, ShortSeal, ThreeModes, damper_tests, seal_tests, three_tests
 from sentences import refuses
 
 import rotorfit as rf
@@ -56,3 +56,26 @@ def test_report_and_nonlinear_stiffness(name: str, tmp_path: Path) -> None:
 def test_a_model_that_does_not_change_says_so() -> None:
     with refuses(ValueError):
         plot_law(rf.fit(LaggingSeal(), seal_tests(), causes=None))
+
+
+def test_static_loads_and_impulses_of_a_model_integrated_in_time(tmp_path: Path) -> None:
+    true = {"m": 2.5, "s": 3e4, "c": 260.0, "r": 0.45, "e": 1.3, "f": 0.4}
+    tests = [
+        rf.simulate(ShortSeal(), true, "static-load", speed_rpm=[500.0, 1000.0], load=[2.0, 3.0, 4.0], noise=0.01),
+        rf.simulate(
+            ShortSeal(), true, "impulse", speed_rpm=[600.0, 1000.0], load=[0.5, 2.0], impulse=4e-3, noise=0.01
+        ),
+        rf.simulate(
+            ShortSeal(), true, speed_rpm=1000.0, frequency_rpm=[-1500.0, -800.0, 700.0, 1200.0, 1900.0],
+            force=[1.0, 2.5], noise=0.01,
+        ),
+    ]  # fmt: skip
+    fit = rf.fit(ShortSeal(), tests, causes=None)
+    for name, value in true.items():
+        assert abs(fit.params[name].value - value) < 3.5 * fit.params[name].stderr, name
+    for name in ("static_locus", "static_stiffness", "velocity_ratio"):
+        figure = getattr(fit.plot, name)()
+        figure.savefig(tmp_path / "figure.png", dpi=40)
+    told = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "fitted eigenvalue" in told
+    assert not any("lam" in text for text in told)  # the model has no such parameter

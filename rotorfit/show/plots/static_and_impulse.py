@@ -137,10 +137,10 @@ def plot_velocity_ratio(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     eps = np.linspace(0.0, limit + 0.1 * min(limit, 1 - limit) or 0.5, style.CURVE_POINTS)
     for block in blocks:
         _draw_vibrations(fit, axis, block, speeds, eps)
-    _draw_ratios(fit, axis, speeds, eps)
+    more = {"lam and 95 % band": {"lw": 1.2, "ls": "--"}} if _draw_ratios(fit, axis, speeds, eps) else {}
     axis.set(ylabel="damped frequency over rotative speed", xlabel="eccentricity of the journal over clearance")
     axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]))
-    _legend(sheet, figure, speeds, "fitted eigenvalue", {"lam and 95 % band": {"lw": 1.2, "ls": "--"}})
+    _legend(sheet, figure, speeds, "fitted eigenvalue", more)
     return figure
 
 
@@ -157,8 +157,10 @@ def _draw_vibrations(fit: FitResult, axis: Any, block: FreeVibrations, speeds: l
             axis.plot(eps, branch / speed, "-", color=colour, lw=1.3)
 
 
-def _draw_ratios(fit: FitResult, axis: Any, speeds: list[float], eps: Float) -> None:
-    """Velocity ratios of the law, dashed, with 95 % bands; in the speed's colour where they change with it."""
+def _draw_ratios(fit: FitResult, axis: Any, speeds: list[float], eps: Float) -> bool:
+    """Velocity ratios of the law, dashed, with 95 % bands; in the speed's colour where they change with it. False where
+    the model has none."""
+    drawn = False
     for group, speed in law_series(fit):
         colour = style.GREY if speed is None else style.colour_of(int(np.argmin(np.abs(np.array(speeds) - speed))))
         for curve in law_curves(fit.model, fit.thetas[group], eps, speed):
@@ -167,6 +169,8 @@ def _draw_ratios(fit: FitResult, axis: Any, speeds: list[float], eps: Float) -> 
             band = half_width(fit, group, curve.slope)
             style.draw_curve(axis, eps, curve.value, band, colour, "--", lw=1.2)
             axis.text(eps[-1], curve.value[-1], f" {curve.name.replace('lam', 'λ')}", fontsize=8, color=colour)
+            drawn = True
+    return drawn
 
 
 def _branches(
