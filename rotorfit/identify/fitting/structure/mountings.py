@@ -133,14 +133,16 @@ def _over_mountings(name: str, condition: str, rows: Sequence[Coefficients]) -> 
     for number, known in enumerate(np.isfinite(single).all(axis=1), 1):
         if not known:
             raise ValueError(f"the data of mounting {number} do not determine {name} at {condition}")
-    y, within = single[:, 0], single[:, 1] ** 2
+    # What a size rests on alone (gain of the probes) is the same for all mountings, and no scatter between them.
+    shared = np.array([0.0 if (error := row[name].error) is None else error.trust for row in rows])
+    y, within = single[:, 0], np.maximum(single[:, 1] ** 2 - shared**2, 0.0)
     free = y.size - 1
     between = _variance_at(free, y, within)
     weight = 1 / (between + within)
     mean = float(weight @ y / weight.sum())
     widened = max(1.0, float(weight @ (y - mean) ** 2) / free)
     ends = [math.sqrt(_variance_at(float(chi2.ppf(p, free)), y, within)) for p in (0.975, 0.025)]
-    stderr = math.sqrt(widened / float(weight.sum()))
+    stderr = math.hypot(math.sqrt(widened / float(weight.sum())), float(np.mean(shared)))
     return MountedCoefficient(
         mean=Quantity(mean, stderr, UNITS[name[0]], float(free)),
         scatter=math.sqrt(between),
