@@ -317,3 +317,13 @@ def test_inflated_noise_moves_the_optimum_towards_the_priors():
 def test_a_number_of_effective_samples_that_is_none_is_refused(linear, ess):
     with refuses(ValueError):
         rf.sample(linear[0], ess=ess, max_steps=60, seed=1)
+
+
+def test_a_corner_plot_shows_chosen_parameters_and_marks_truths(rig_fit: rf.FitResult) -> None:
+    posterior = rig_fit.sample(seed=1, walkers=32, ess=20)
+    figure = posterior.plot.corner(var_names=["lam", "D"], truths={"lam": 0.475})
+    assert len(figure.axes) == 4
+    marked = [line.get_xdata()[0] for axis in figure.axes for line in axis.lines if line.get_xdata()[0] == 0.475]
+    assert marked
+    with refuses(KeyError):
+        posterior.plot.corner(var_names=["lamb"])

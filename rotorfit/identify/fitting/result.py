@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     from rotorfit.identify.fitting.anisotropy import TurningAnisotropy
     from rotorfit.identify.fitting.other_solutions import OtherSolution
     from rotorfit.identify.fitting.structure.coefficients import CoefficientRows, Coefficients, FrequencyRows
-    from rotorfit.identify.fitting.structure.modes import Modes
+    from rotorfit.identify.fitting.structure.modes import Modes, NaturalFrequency
     from rotorfit.identify.uncertainty.bootstrap import Bootstrap
     from rotorfit.identify.uncertainty.budget import Budget
     from rotorfit.identify.uncertainty.jackknife import Jackknife
@@ -451,7 +451,7 @@ class FitResult:
 
     def natural_frequencies(
         self, speed: float | None = None, at: Mapping[str, Any] | None = None, *, speed_rpm: float | None = None
-    ) -> list[tuple[Quantity, Quantity]]:
+    ) -> list[NaturalFrequency]:
         """Damped natural frequency (rad/s, signed) and damping ratio of each mode at a rotative speed.
 
         ``speed`` in rad/s, or ``speed_rpm``, is negative from y to x; ``at`` names a group of parameters, as for
@@ -463,6 +463,8 @@ class FitResult:
         Example:
             >>> [round(frequency.value) for frequency, damping in fit.natural_frequencies(speed=150.0)][-1] > 0
             True
+            >>> fit.natural_frequencies(speed_rpm=1500)[-1].sense
+            'forward'
         """
         from rotorfit.identify.fitting.structure.modes import natural_frequencies
 

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rotorfit.base.array_types import Float
+from rotorfit.base.names import unknown_name
 from rotorfit.identify.uncertainty.posterior import Posterior
 from rotorfit.show.plots.figure_keywords import PlotKeywords
 from rotorfit.show.plots.style import COLOURS, SMALL_TYPE, Sheet, few_ticks, literal, on_sheet
@@ -118,17 +119,34 @@ class PosteriorPlots:
         """First look: :meth:`corner`; ``ax`` and ``unit`` as for :meth:`rotorfit.FitResult.plot.bode`."""
         return self.corner(**look)
 
-    def corner(self, **look: Unpack[PlotKeywords]) -> Figure:
+    def corner(
+        self,
+        *,
+        var_names: Sequence[str] | None = None,
+        truths: Mapping[str, float] | None = None,
+        **look: Unpack[PlotKeywords],
+    ) -> Figure:
         """Marginal and pairwise densities, the optimum of the fit marked.
 
         Args:
+            var_names: parameters that are drawn, all by default.
+            truths: values by name that are marked in place of the optimum.
             **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot.bode`.
+
+        Raises:
+            KeyError: a name that the posterior has not; the message names the nearest.
         """
         posterior, fit = self._posterior, self._posterior.fit
-        units = {name: posterior.unit(name) for name in posterior.names}
+        shown = list(posterior.names if var_names is None else var_names)
+        marked = dict(zip(fit.var_names, fit.x.tolist(), strict=True)) if truths is None else truths
+        for name in (*shown, *(truths or {})):
+            if name not in posterior.names:
+                raise KeyError(unknown_name("parameter of the posterior", name, posterior.names))
+        units = {name: posterior.unit(name) for name in shown}
         labels = {name: name if unit == "1" else f"{name}, {unit}" for name, unit in units.items()}
-        optimum = {labels[name]: float(value) for name, value in zip(fit.var_names, fit.x, strict=True)}
-        return plot_corner(posterior.samples, list(labels.values()), optimum, **look)
+        samples = posterior.samples[:, [posterior.names.index(name) for name in shown]]
+        marks = {labels[name]: float(value) for name, value in marked.items() if name in labels}
+        return plot_corner(samples, list(labels.values()), marks, **look)
 
     def traces(self, **look: Unpack[PlotKeywords]) -> Figure:
         """Walkers against the step.

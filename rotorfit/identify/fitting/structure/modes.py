@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -142,7 +142,19 @@ def _said(q: Quantity, factor: float = 1.0) -> str:
     return plus_minus(q.value * factor, q.stderr * factor)
 
 
-def natural_frequencies(fit: FitResult, speed: float, at: Mapping[str, Any] | None) -> list[tuple[Quantity, Quantity]]:
+class NaturalFrequency(NamedTuple):
+    """A mode at a rotative speed; a pair, ``for frequency, damping in ...``, that knows its sense too."""
+
+    frequency: Quantity  # damped, rad/s, negative backward
+    damping: Quantity  # damping ratio
+
+    @property
+    def sense(self) -> str:
+        """ "forward" or "backward"."""
+        return "backward" if self.frequency.value < 0 else "forward"
+
+
+def natural_frequencies(fit: FitResult, speed: float, at: Mapping[str, Any] | None) -> list[NaturalFrequency]:
     """Damped natural frequency (rad/s, signed) and damping ratio of each mode; see the result's method."""
     speed = angular_rate(speed)
     model, group = fit.model, fit.group(at)
@@ -162,7 +174,7 @@ def natural_frequencies(fit: FitResult, speed: float, at: Mapping[str, Any] | No
         )
         slope, beside = _damping_slope(s, by_theta), _damping_slope(s, by_causes)
         ratio = propagated(fit, group, -s.real / abs(s), slope, "1", speed=speed, by_causes=beside)
-        modes.append((frequency, ratio))
+        modes.append(NaturalFrequency(frequency, ratio))
     return modes
 
 
