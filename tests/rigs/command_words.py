@@ -14,6 +14,7 @@ RIG = str(rf.datasets.path("rig_open.csv"))
 TRUTH = rf.datasets.truth("rig_open")
 FIT = ["fit", RIG, "--model", "whirl-whip", "--known", "K3=6000"]
 FIGURES = {"dynamic_stiffness.png", "bode.png", "polar.png", "residuals.png", "stability.png"}
+FIGURES |= {"budget.png", "quadrature.png", "damping.png"}
 TABLES = {"summary.txt", "parameters.csv", "covariance.csv", "responses.csv", "curves.csv"}
 WHOLE = {"report.html", "fit.json", CONTENTS}
 FROM_VOLTS = ["demo", "--from-volts"]

@@ -190,8 +190,9 @@ def _bode(
 ) -> Figure:
     """Curves in their panels, without a legend; of others their lines alone."""
     reads = _RUNS_ON if along.runs_on else _LEADS
+    low = 1.33 if len({(c.coordinate, c.force_plane) for c in found}) > 1 else 1.8  # inches of a panel
     figure, panels, bottom = panels_of(
-        along.sheet, found, title, rows=2, size=(5.2, 1.33), one_abscissa=True, reads=reads
+        along.sheet, found, title, rows=2, size=(5.2, low), one_abscissa=True, reads=reads
     )
     for curve in found if along.against == "size" else joined(found):
         draw_bode(model, panels[curve.coordinate, curve.force_plane], curve, along)
@@ -205,11 +206,17 @@ def _bode(
     for (probe, force), pair in panels.items():
         own = [c for c in found if (c.coordinate, c.force_plane) == (probe, force)]
         finish_bode(model, pair, own, along)
-        pair[0].set_title(cell_title(model, probe, force))
+        style.panel_title(pair[0], cell_title(model, probe, force))
     _share_scales(panels)
     for axis in bottom:
-        axis.set_xlabel(along.label())
+        axis.set_xlabel(short_label(along.label(), bottom))
     return figure
+
+
+def short_label(words: str, bottom: Sequence[Any]) -> str:
+    """A label of an axis, without what stands in brackets where panels are narrow."""
+    wide = 2  # panels side by side up to which there is room for all
+    return words if len(bottom) <= wide else words.partition(" (")[0]
 
 
 def _share_scales(panels: Mapping[tuple[int, int], Sequence[Any]]) -> None:

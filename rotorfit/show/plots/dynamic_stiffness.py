@@ -91,7 +91,7 @@ def draw_drive_point(sheet: style.Sheet, fit: FitResult, pair: tuple[Any, Any], 
                     some.points.extend(drive_points(_motion(part.responses.lines(keep), fit)))
     _entry(sheet, fit, shown, pair, coordinate, coordinate, full, "frequency")
     for axis, kind in zip(pair, ("direct", "quadrature"), strict=True):
-        axis.set_ylabel(f"{kind}, {axis.get_title(loc='left').rpartition(', ')[2]}")
+        axis.set_ylabel(f"{kind}, {axis.get_title(loc='left').replace(chr(10), ' ').rpartition(', ')[2]}")
         axis.set_title("")
         for words in [text for text in axis.texts if text.get_gid() == style.BELOW]:
             words.remove()
@@ -162,8 +162,8 @@ def plot_quadrature(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     _entry(sheet, fit, shown, (hidden, axis), row, column, full, "frequency")
     hidden.remove()
     plane = style.literal(fit.model.coordinates[row].plane)
-    unit = axis.get_title(loc="left").rpartition(", ")[2]
-    axis.set_title(f"Quadrature stiffness at {plane}, {unit}", pad=5)
+    unit = axis.get_title(loc="left").replace("\n", " ").rpartition(", ")[2]
+    style.panel_title(axis, f"Quadrature stiffness at {plane}, {unit}", pad=5)
     for words in [text for text in axis.texts if text.get_gid() == style.BELOW]:
         words.remove()  # numbers and counts, which stand elsewhere on a first screen
     axis.set_xlabel(f"frequency of the force, {sheet.rate_unit}", labelpad=4)
@@ -310,7 +310,7 @@ def _entry(
         pair[0].set_ylabel(f"{name}, {unit}")
         return
     for number, (axis, kind) in enumerate(zip(pair, ("direct", "quadrature"), strict=True)):
-        axis.set_title(f"{name}, {kind}, {unit}", pad=13)
+        style.panel_title(axis, f"{name}, {kind}, {unit}", pad=13)
         if left_out[number]:
             style.above(axis, f"{left_out[number]} of {count} points not drawn")
         _name_lines(sheet, axis, shown, lines, factor, (np.real, np.imag)[number], against, squared=number == 0)

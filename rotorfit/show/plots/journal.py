@@ -20,7 +20,6 @@ from rotorfit.identify.fitting.summary import natural
 from rotorfit.models import RotorModel
 from rotorfit.models.coefficient_tables import law_changes_with_speed
 from rotorfit.models.motion.journal import journal, line_stiffness
-from rotorfit.show.plots.style import literal
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -123,6 +122,8 @@ def reach(fit: FitResult) -> float:
 
 def rig_of(fit: FitResult) -> str:
     """The rig's name for matplotlib, as titles begin."""
+    from rotorfit.show.plots.style import literal  # loads matplotlib, which a report without figures does not
+
     return literal(rig_name(fit))
 
 

@@ -20,6 +20,7 @@ from rotorfit.show.plots.bode import (
     frequency_label,
     panels_of,
     response_unit,
+    short_label,
 )
 from rotorfit.show.plots.journal import rig_of
 from rotorfit.show.plots.style import (
@@ -32,6 +33,7 @@ from rotorfit.show.plots.style import (
     halo,
     on_sheet,
     opacity_of,
+    panel_title,
     shades,
     square_axis,
 )
@@ -87,7 +89,7 @@ def _polar(
     for pair, (axis,) in panels.items():
         mine = [c for c in found if (c.coordinate, c.force_plane) == pair]
         factor, unit = response_unit(sheet, model, pair[0], found)
-        axis.set_title(cell_title(model, *pair))
+        panel_title(axis, cell_title(model, *pair), share=0.62)  # of a square panel
         axis.set(xlabel=f"in phase, {unit}", ylabel=f"quadrature, {unit}", aspect="equal")
         axis.axhline(0, color=AXES, lw=0.7, zorder=1)
         axis.axvline(0, color=AXES, lw=0.7, zorder=1)
@@ -116,7 +118,7 @@ def _mark_frequencies(sheet: Sheet, axis: Any, found: Sequence[SweepCurve], fact
     top = max(float(np.abs(c.fine).max()) for c in found) * sheet.per_rad_s
     steps = np.asarray(MaxNLocator(nbins=28, steps=[1, 2, 5, 10]).tick_values(-top, top))
     reach = np.ptp(axis.get_xlim()) / 2
-    apart = 0.3  # of crosses, in halves of the axis
+    apart = 0.75  # of circles, in halves of the axis
     placed: list[complex] = []
     every = factor * np.concatenate([c.line_seen[np.isfinite(c.line_seen)] for c in found])
     cell = 0.02 * reach  # places nearer than this count once
@@ -176,12 +178,12 @@ def plot_residuals(fit: FitResult, *, sheet: Sheet) -> Figure:
         axis.plot(x, curve.whitened.imag, "x", ms=2.4, mew=0.6, **look)
     largest = max(3.5, 1.05 * max(float(np.abs(c.whitened.view(float)).max(initial=0.0)) for c in found))
     for pair, (axis,) in panels.items():
-        axis.set_title(cell_title(fit.model, *pair))
+        panel_title(axis, cell_title(fit.model, *pair))
         axis.set(ylabel="residual / noise", ylim=(-largest, largest))
         for level in (-2, 2):
             axis.axhline(level, color=GREY, lw=0.9, ls=(0, (4, 2)), zorder=1)
     for axis in bottom:
-        axis.set_xlabel(frequency_label(sheet, found))
+        axis.set_xlabel(short_label(frequency_label(sheet, found), bottom))
     condition_legend(figure, conditions, "")
     return figure
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import wraps
@@ -159,13 +160,15 @@ class Sheet:
 
 def title_of(figure: Any, title: str, reads: Sequence[str] = ()) -> None:
     """The title at the left, and below it lines on how to read the figure, whose room the title keeps for them."""
-    spare = "\n" * -(-len(reads) * TYPE // TITLE_TYPE)
     left, top = 0.01, 3 / 72  # of the width; inches from the top, as constrained layout has them
-    height = figure.bbox.height / figure.figure.dpi
+    width, height = (part / figure.figure.dpi for part in (figure.bbox.width, figure.bbox.height))
+    title = "\n".join(_within(title, width, TITLE_TYPE))
+    lines = [line for words in ([" ".join(reads)] if reads else []) for line in _within(words, width, 0.88 * TYPE)]
+    spare = "\n" * -(-len(lines) * TYPE // TITLE_TYPE)
     figure.suptitle(title + spare, x=left, ha="left", fontsize=TITLE_TYPE, fontweight="bold")
-    line = 1.25 * TYPE / 72
-    for number, words in enumerate(reads):
-        below = 1 - (top + 1.45 * TITLE_TYPE / 72 + number * line) / height
+    line, begin = 1.25 * TYPE / 72, 1.25 * (1 + title.count("\n")) * TITLE_TYPE / 72 + 2 / 72
+    for number, words in enumerate(lines):
+        below = 1 - (top + begin + number * line) / height
         figure.text(left, below, words, fontsize=TYPE, color=GREY, ha="left", va="top", in_layout=False)
 
 
@@ -193,6 +196,19 @@ def key_beside_title(figure: Any, names: Sequence[tuple[str, str, str]]) -> bool
         place.set_in_layout(False)
         figure.add_artist(place)
     return True
+
+
+def _within(words: str, width: float, size: float) -> list[str]:
+    """Words in lines of a width in inches, by the mean width of bold letters of a size in points."""
+    return textwrap.wrap(words, max(int(0.98 * width * 72 / (0.62 * size)), 10), break_long_words=False) or [""]
+
+
+def panel_title(axis: Any, words: str, *, share: float = 0.88, **look: Any) -> None:
+    """The title of a panel, in lines that a share of its column of the figure holds."""
+    place = axis.get_subplotspec()
+    columns = 1 if place is None else place.get_gridspec().ncols
+    width = axis.figure.bbox.width / axis.figure.figure.dpi / columns
+    axis.set_title("\n".join(_within(words, share * width, TYPE)), **look)
 
 
 PLAIN = Sheet()
@@ -309,14 +325,14 @@ def end_labels(
     if not shown:
         return
     to_axis = axis.transData + axis.transAxes.inverted()
-    height = axis.bbox.height / axis.figure.dpi * 0.75  # the layout is not made yet
+    height = axis.bbox.height / axis.figure.figure.dpi * 0.5  # the layout is not made yet
     apart = 1.2 * SMALL_TYPE / 72 / height
     places = np.array([np.clip(to_axis.transform((axis.get_xlim()[1], value))[1], 0.02, 0.98) for _, value, _ in shown])
     order = np.argsort(places)
     moved = places[order].copy()
     for k in range(1, moved.size):  # upwards, then back down from the top
         moved[k] = max(moved[k], moved[k - 1] + apart)
-    moved[-1] = min(moved[-1], 1.0)
+    moved[-1] = min(moved[-1], 1.0 + apart / 2)
     for k in range(moved.size - 2, -1, -1):
         moved[k] = min(moved[k], moved[k + 1] - apart)
     for place, which in zip(moved.tolist(), order.tolist(), strict=True):

@@ -50,7 +50,9 @@ def budget_section(material: ReportInput) -> Html:
     kept = [place for place, row in enumerate(budget.rows) if bare_name(row.name) not in corrections]
     correlated = [[names[i], *(f"{budget.correlation[i, j]:+.2f}" for j in kept)] for i in kept]
     words_of = "Value, error and the shares of its variance of each result."
-    drawn = embedded(material, "budget", fit.plot.budget, words_of, caption="") if budget.rows else Html("")
+    drawn = Html("")
+    if budget.rows and material.figure_format != "none":  # else what draws is not even loaded
+        drawn = embedded(material, "budget", fit.plot.budget, words_of, caption="")
     details = (
         table(head, rows, numeric=range(1, len(head) - 1), whole=(len(head) - 1,)),
         note(words),
