@@ -109,7 +109,11 @@ def _head(head: Headline) -> list[str]:
     rests = ["largest on trust"]
     for number in head.numbers:
         shown, longest = number.shown, 20  # letters of a meaning
-        meaning = textwrap.shorten(number.meaning, longest, placeholder="")
+        meaning = number.meaning
+        if len(meaning) > longest:  # the noun alone
+            meaning = textwrap.shorten(
+                re.split(r",| (?:of|at|in|by|over|that|to) ", meaning)[0], longest, placeholder=""
+            )
         named = number.name if number.is_named else f"{number.name:<4} {meaning}"
         ends = f"{shown.low} to {shown.high}" if shown.low else ""
         rows.append([named, shown.value, shown.error, ends, shown.unit] if number.known else [named, shown.value])
