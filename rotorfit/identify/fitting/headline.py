@@ -118,7 +118,8 @@ class Headline:
         for name in leads_of(fit):
             found += _LEADS[name](fit) if name in _LEADS else _parameter(fit, name)
         shown = {number.name for number in found}
-        for p in fit.params.values():
+        of_groups = bool(found) and len(fit.thetas) > 1  # one group's value says little beside what leads
+        for p in fit.params.values() if not of_groups else ():
             if len(found) < MOST and p.vary and p.name in fit.problem.space.names and p.name not in shown:
                 found += _parameter(fit, p.name)
         return tuple(found[:MOST])

@@ -108,7 +108,7 @@ def _head(head: Headline) -> list[str]:
     rows: list[list[str | Wide]] = [["", "value", "+-", "95 % interval", "unit"]]
     rests = ["largest on trust"]
     for number in head.numbers:
-        shown, longest = number.shown, 20  # letters of a meaning
+        shown, longest = number.shown, 21  # letters of a meaning
         meaning = number.meaning
         if len(meaning) > longest:  # the noun alone
             meaning = textwrap.shorten(
