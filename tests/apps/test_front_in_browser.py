@@ -101,7 +101,7 @@ def test_from_volts_to_a_report_and_again_on_the_command_line(
     fit = repeated(tab, tmp_path, run)
     assert f"{fit.params['lam'].value:.3f}" in text
     report = downloaded(tab, "report.html", tmp_path)
-    assert "<h2>Verdict</h2>" in report.read_text(encoding="utf-8")
+    assert 'id="verdict"' in report.read_text(encoding="utf-8")
     assert sorted(folder.iterdir()) == before
     assert tab.complaints == []
     assert {urlsplit(one).netloc for one in tab.requests if re.match("https?|ws", one)} == {urlsplit(address).netloc}

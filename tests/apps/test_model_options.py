@@ -51,6 +51,7 @@ def variants(name: str) -> list[dict[str, Any]]:
     for option, values in {
         "coupling_mass": (True,),
         "betas": (True,),
+        "sigma": (True,),
         "modes": (2,),
         "torsion": ("stiffness", None),
         "runout": (True,),

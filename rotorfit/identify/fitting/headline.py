@@ -82,6 +82,7 @@ class Check:
     good: bool
     words: str
     more: str = ""  # numbers behind it, or what it costs
+    spoils: bool = True  # a fit that fails it is not good
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +109,7 @@ class Headline:
     @property
     def good(self) -> bool:
         """True if nothing speaks against relying on the numbers."""
-        return all(check.good for check in self.checks)
+        return all(check.good or not check.spoils for check in self.checks)
 
     @cached_property
     def numbers(self) -> tuple[KeyNumber, ...]:
@@ -394,7 +395,7 @@ def _checks(fit: FitResult, findings: Sequence[Finding]) -> Iterator[Check]:
     if errors:
         yield Check(good=False, words="error in the data", more=f"{len(errors)} found")
     elif warnings:
-        yield Check(good=False, words="warning of the data", more=f"{len(warnings)} found")
+        yield Check(good=False, words="warning of the data", more=f"{len(warnings)} found", spoils=False)
     else:
         yield Check(good=True, words="no fault found in the data")
     open_values = fit.identifiability.unresolved
