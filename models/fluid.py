@@ -130,7 +130,7 @@ def fluids_of(
         ValueError: a law without fluid, or laws of eccentricity at several planes.
 
     Example:
-        >>> [q.name for q in fluids_of(["bearing", "seal"])[1].parameters]
+        >>> [q.name for q in rf.models.fluids_of(["bearing", "seal"])[1].parameters]
         ['K0_seal', 'D_seal', 'lam_seal', 'Mf_seal']
     """
     planes = () if fluid is None else (fluid,) if isinstance(fluid, str) else tuple(fluid)

@@ -156,7 +156,7 @@ def test_the_orbit_says_that_run_out_is_gone_and_its_titles_are_apart(tmp_path):
     """One plane: axes of equal scales are then narrower than their place is high."""
     figure = opened(recorded(tmp_path), SLOW_ROLL).plot.orbit(at=18.5)
     figure.savefig(tmp_path / "orbit.png", dpi=100)
-    titles = [axis.title for axis in figure.axes]
+    titles = [axis._left_title for axis in figure.axes]
     assert titles[0].get_text() == "disk, without run-out"
     head = figure._suptitle.get_window_extent()
     assert all(title.get_window_extent().y1 < head.y0 for title in titles)

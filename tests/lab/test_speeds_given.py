@@ -30,6 +30,7 @@ NONE_SUCH = (
     [100.0, math.nan],
     1e300,
 )
+GIVEN = tuple(value for value in NONE_SUCH if value is not None)  # where None is as if it were left out
 SEVERAL = [100.0, 200.0]
 MODEL = rf.models.WhirlWhip()
 ROTOR = {"M": 1.2, "K": 8e3, "Ds": 8.0, "K0": 9e3, "D": 450.0, "lam": 0.46, "Mf": 0.4}
@@ -49,7 +50,7 @@ def refused(name: str, unit: str, call: Callable[[Any], object], values: tuple[A
 
 
 def test_a_result_refuses_what_is_no_speed(rig_fit: FitResult) -> None:
-    refused("speed", "rad/s", rig_fit.natural_frequencies, (*NONE_SUCH, SEVERAL))
+    refused("speed", "rad/s", rig_fit.natural_frequencies, (*GIVEN, SEVERAL))
 
 
 def test_a_posterior_refuses_what_is_no_speed(posterior: Posterior) -> None:
@@ -59,8 +60,8 @@ def test_a_posterior_refuses_what_is_no_speed(posterior: Posterior) -> None:
         posterior.lam_speed,
         lambda speed: posterior.dynamic_stiffness([50.0, 90.0], speed),
     ):
-        refused("speed", "rad/s", call, (*NONE_SUCH, SEVERAL))
-    refused("frequency", "rad/s", lambda frequency: posterior.dynamic_stiffness(frequency, 100.0), NONE_SUCH)
+        refused("speed", "rad/s", call, (*GIVEN, SEVERAL))
+    refused("frequency", "rad/s", lambda frequency: posterior.dynamic_stiffness(frequency, 100.0), GIVEN)
 
 
 def test_functions_of_models_refuse_what_is_no_speed(rig_fit: FitResult) -> None:

@@ -180,7 +180,7 @@ def _drives_backward(drives: Orbits, kappa: ComplexArray) -> Iterator[tuple[floa
     # Fractions of the speed below which whirl may be slower than the fluid; the largest is more than any lam
     whirl_ratios = (0.1, 0.2, 0.3, 0.5)
     pairs = mirrored(drives, np.flatnonzero(np.abs(ratio) < whirl_ratios[-1]), *_SWEEP)
-    noise = np.abs(kappa / drives.right)[pairs]  # of kappa = F / A, up to a common factor
+    noise = (np.abs(kappa) * (size.min(initial=np.inf) / size))[pairs]  # of kappa = F / A, up to a common factor
     even = kappa.imag[pairs].sum(axis=1) / np.hypot(noise[:, 0], noise[:, 1])
     for limit in whirl_ratios:
         slow = np.flatnonzero((ratio < 0) & (ratio > -limit))

@@ -817,7 +817,7 @@ class FitResult:
             >>> state = sampler.run_mcmc(density.walkers(32), 200)
             >>> draws = density.values(sampler.get_chain(flat=True))  # beside causes
             >>> draws.shape
-            (6400, 7)
+            (6400, 10)
         """
         from rotorfit.identify.uncertainty.sampling import log_posterior
 
