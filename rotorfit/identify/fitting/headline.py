@@ -211,13 +211,20 @@ def _least_damping(fit: FitResult) -> Iterator[KeyNumber]:
     if not fit.success or fit.model.turns:
         return
     speed = top_speed(fit)
-    swinging = [(mode, zeta) for mode, _, zeta in named_modes(modes_at(fit, speed)) if abs(zeta.value) < OVERDAMPED]
+    swinging = [
+        (mode, zeta)
+        for mode, _, zeta in named_modes(modes_at(fit, speed), sensed=fit.model.speed_dependent)
+        if abs(zeta.value) < OVERDAMPED
+    ]
     if not swinging:
         return
-    mode, zeta = min(swinging, key=lambda one: one[1].value)
+    # Forward of two that are damped alike but for round-off
+    mode, zeta = min(swinging, key=lambda one: (float(significant(one[1].value, 9)), not one[0].endswith("F")))
     decrement = decrement_of(zeta)
     where = f" at {significant(speed * RPM_PER_RAD_S, 4)} rpm" if fit.model.speed_dependent else ""
-    yield KeyNumber(name=f"least damping, {mode}", meaning=f"log. decrement{where}", quantity=decrement, unit="log dec")
+    name = mode if fit.model.speed_dependent else f"mode {mode}"
+    meaning = f"log. decrement{where}"
+    yield KeyNumber(name=f"least damping, {name}", meaning=meaning, quantity=decrement, unit="log dec")
 
 
 def top_speed(fit: FitResult) -> float:
@@ -226,9 +233,11 @@ def top_speed(fit: FitResult) -> float:
 
 
 def modes_at(fit: FitResult, speed: float) -> list[tuple[Quantity, Quantity]]:
-    """Natural frequencies and damping ratios at a speed, of modes in the tested band, in the last condition."""
+    """Natural frequencies and damping ratios at a speed, of modes in the tested band, in the last condition; where no
+    speed tells forward from backward, each once."""
     modes = fit.natural_frequencies(speed, _at(fit, len(fit.thetas) - 1))
-    return [mode for mode in modes if abs(mode[0].value) <= fit.band]
+    once = not fit.model.speed_dependent
+    return [mode for mode in modes if abs(mode[0].value) <= fit.band and not (once and mode[0].value < 0)]
 
 
 def decrement_of(ratio: Quantity) -> Quantity:
@@ -236,14 +245,15 @@ def decrement_of(ratio: Quantity) -> Quantity:
     return 2 * math.pi * ratio / (1 - ratio**2).sqrt()
 
 
-def named_modes(modes: Sequence[tuple[Quantity, Quantity]]) -> list[tuple[str, Quantity, Quantity]]:
-    """Frequency and damping ratio of modes by name: forward ``1F``, ``2F``, ..., backward ``1B``, ..., by frequency."""
+def named_modes(modes: Sequence[tuple[Quantity, Quantity]], *, sensed: bool) -> list[tuple[str, Quantity, Quantity]]:
+    """Frequency and damping ratio of modes by name: forward ``1F``, ``2F``, ..., backward ``1B``, ..., by frequency;
+    without the sense, ``1``, where it is none of theirs."""
     count = {"F": 0, "B": 0}
     named = []
     for frequency, ratio in sorted(modes, key=lambda mode: abs(mode[0].value)):
         way = "F" if frequency.value > 0 else "B"
         count[way] += 1
-        named.append((f"{count[way]}{way}", frequency, ratio))
+        named.append((f"{count[way]}{way if sensed else ''}", frequency, ratio))
     return named
 
 

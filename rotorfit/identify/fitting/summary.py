@@ -195,7 +195,7 @@ def _mode_lines(fit: FitResult) -> list[str]:
     speed = top_speed(fit)
     where = f"MODES at {significant(speed * RPM_PER_RAD_S, 4)} rpm" if fit.model.speed_dependent else "MODES"
     rows = [[where, "frequency, rpm", "damping ratio", "log. decrement"]]
-    for name, frequency, ratio in named_modes(modes_at(fit, speed)):
+    for name, frequency, ratio in named_modes(modes_at(fit, speed), sensed=fit.model.speed_dependent):
         way = "" if not fit.model.speed_dependent else "forward" if name.endswith("F") else "backward"
         swings = abs(ratio.value) < OVERDAMPED
         cells = [abs(frequency).to("rpm").shown().number, ratio.shown().number] if swings else ["overdamped", ""]
