@@ -140,6 +140,22 @@ def growth_rate(model: RotorModel, theta: ArrayLike, speed: ArrayLike, band: flo
     return fastest_growth(model, model.motion(theta, speed), band)
 
 
+def growing(model: RotorModel, theta: Float, speed: Float, band: float) -> tuple[Float, Bool]:
+    """Largest growth rate of rotors at speeds, 1/s, and whether it is more than round-off, shape ``(K,)``.
+
+    Args:
+        model: the rotor.
+        theta: parameter vectors, shape ``(K, P)``.
+        speed: rotative speed of each, rad/s, shape ``(K,)``.
+        band: eigenvalues up to this size count, rad/s.
+    """
+    if len(speed) == 1:  # one by numbers: arrays of one entry cost several times as much
+        rates = growth_rate(model, theta[0], speed[0], band)[None]
+    else:
+        rates = growth_rate(model, theta, speed, band)
+    return rates, np.asarray(rates > 1e-9 * np.abs(theta).max(axis=1))
+
+
 def fastest_growth(model: RotorModel, coefficients: ComplexArray, band: float = math.inf) -> Float:
     """Largest real part of the eigenvalues, as :func:`growth_rate`, with the coefficients of free motion at hand."""
     return np.asarray(_growth(spectrum(model, coefficients), band).max(axis=-1))

@@ -6,7 +6,6 @@ Everything inside rotorfit is SI with 0-peak amplitudes; only readers, writers a
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -21,7 +20,7 @@ STANDARD_GRAVITY = 9.80665
 """m/s^2, by definition."""
 
 _LENGTH = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "in": 0.0254, "mil": 25.4e-6}
-_ANGLE = {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": math.pi / 180}
+ANGLE = {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": math.pi / 180}
 _PEAK = {"": 1.0, "_pk": 1.0, "_0p": 1.0, "_pp": 0.5, "_rms": math.sqrt(2.0)}
 """Suffix that tells how an amplitude was taken, and its factor to 0-peak; no suffix means 0-peak."""
 
@@ -34,7 +33,7 @@ UNITS: dict[str, dict[str, float]] = {
     "frequency": {"rad_s": 1.0, "hz": 2 * math.pi, "rpm": RAD_S_PER_RPM, "cpm": RAD_S_PER_RPM},
     "length": _LENGTH,
     "displacement": _amplitudes(_LENGTH),
-    "tilt": _amplitudes(_ANGLE),
+    "tilt": _amplitudes(ANGLE),
     "velocity": _amplitudes({"m_s": 1.0, "mm_s": 1e-3, "um_s": 1e-6, "in_s": 0.0254}),
     "acceleration": _amplitudes({"m_s2": 1.0, "mm_s2": 1e-3, "in_s2": 0.0254, "g": STANDARD_GRAVITY}),
     "force": {"n": 1.0, "mN": 1e-3, "kn": 1e3, "MN": 1e6, "lbf": 4.4482216152605, "kgf": STANDARD_GRAVITY},
@@ -100,81 +99,3 @@ def find_unit(unit: str, units: Mapping[str, float]) -> float | None:
 def units_of(*quantities: str) -> dict[str, float]:
     """Units of several quantities in one table, for columns that may hold either."""
     return {unit: factor for quantity in quantities for unit, factor in UNITS[quantity].items()}
-
-
-# ---- units that numbers carry, as people write them -----------------------------------------------------------------
-
-_SI = {
-    "frequency": "rad/s",
-    "displacement": "m",
-    "tilt": "rad",
-    "velocity": "m/s",
-    "acceleration": "m/s^2",
-    "force": "N",
-    "unbalance": "kg m",
-}
-"""SI unit of quantities whose units may stand by themselves."""
-_NEWTON = {"kg": 1, "m": 1, "s": -2}
-
-
-def powers(unit: str) -> dict[str, float]:
-    """Powers of the units that one is written with, ``N s/mm`` or ``kg m^2``."""
-    above, _, below = unit.partition("/")
-    found: dict[str, float] = {}
-    for text, sign in ((above, 1), (below.strip("()"), -1)):
-        for name, power in re.findall(r"([A-Za-z_\u00b5\u03bc]+)\^?(-?\d+(?:\.\d+)?)?", text):
-            found[name] = found.get(name, 0) + sign * float(power or 1)
-    return found
-
-
-def in_base(found: Mapping[str, float]) -> dict[str, float]:
-    """The same without newtons."""
-    base = {name: float(size) for name, size in found.items() if name != "N"}
-    for name, size in _NEWTON.items():
-        base[name] = base.get(name, 0.0) + size * found.get("N", 0)
-    return {name: size for name, size in base.items() if size}
-
-
-def si_of(unit: str, like: str) -> float:
-    """Factor that takes a value in a unit to SI; a unit of something else than ``like`` is refused.
-
-    Args:
-        unit: such as rpm, mil_pp, kN/mm or N s/mm.
-        like: another unit of what is meant.
-    """
-    wanted = _factor_and_dimensions(like)[1]
-    for quantity, si in _SI.items():  # g is 9.80665 m/s^2 of an acceleration, and a gram within another unit
-        if _factor_and_dimensions(si)[1] == wanted:
-            factor = find_unit(unit.replace("^", "").replace("/", "_").replace(" ", "_"), UNITS[quantity])
-            if factor is not None:
-                return factor
-    factor, found = _factor_and_dimensions(unit)
-    if found != wanted:
-        raise ValueError(f"{like or '1'} cannot be given in {unit or '1'}: that is a unit of something else")
-    return factor
-
-
-def _factor_and_dimensions(unit: str) -> tuple[float, dict[str, float]]:
-    """Factor to SI of a written unit, and its powers of kg, m and s."""
-    total, found = 1.0, dict.fromkeys(_NEWTON, 0.0)
-    for name, power in powers(unit).items():
-        known = next((k for k in _ATOMS if (size := find_unit(name, k[0])) is not None), None)
-        if known is None:
-            allowed = dict.fromkeys(one for units, _ in _ATOMS for one in units)
-            raise ValueError(f"in {unit!r}: {unknown_name('unit', name, allowed)}")
-        units, dimensions = known
-        total *= (find_unit(name, units) or 1.0) ** power
-        for base, size in dimensions.items():
-            found[base] += size * power
-    return total, {name: size for name, size in found.items() if size}
-
-
-_ATOMS: tuple[tuple[Mapping[str, float], Mapping[str, float]], ...] = (
-    (_LENGTH, {"m": 1}),
-    ({"s": 1.0, "ms": 1e-3}, {"s": 1}),
-    ({"kg": 1.0, "g": 1e-3}, {"kg": 1}),
-    (UNITS["force"], _NEWTON),
-    (_ANGLE, {}),
-    ({name: size for name, size in UNITS["frequency"].items() if name != "rad_s"}, {"s": -1}),
-)
-"""Units that others are written with: factors to SI, and their powers of kg, m and s."""

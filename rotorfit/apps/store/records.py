@@ -16,9 +16,10 @@ from rotorfit.apps.study_files.data_files import StudyProgress
 from rotorfit.apps.study_files.study import Outcome
 from rotorfit.base.digits import plus_minus
 from rotorfit.base.version import RESULTS, __version__
+from rotorfit.base.written_units import shown_unit
 from rotorfit.identify.fitting.fit_file import fit_to_json
 from rotorfit.identify.fitting.json_values import encode
-from rotorfit.identify.fitting.quantities import THRESHOLD, shown_unit
+from rotorfit.identify.fitting.quantities import THRESHOLD
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.content import content_hash
 from rotorfit.lab.data.findings import Finding, errors_in, warnings_in

@@ -23,7 +23,7 @@ from rotorfit.identify.fitting.quantities import ErrorBar, Quantity, Shown
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.structure.coefficients import Coefficients
 from rotorfit.lab.data.findings import Finding, errors_in
-from rotorfit.models.motion.stability import growth_rate
+from rotorfit.models.motion.stability import growing
 from rotorfit.models.parameters import bare_name
 
 MOST = 5
@@ -326,11 +326,12 @@ def _said_of(fit: FitResult, numbers: Sequence[KeyNumber]) -> Iterator[str]:
 
 
 def _stability(fit: FitResult, threshold: KeyNumber) -> Iterator[str]:
-    if any(unstable(fit, group) for group in range(len(fit.thetas))):
+    onset, highest = threshold.quantity, float(fit.speeds.max(initial=0.0))
+    if not _unstable_where_tested(fit):
+        if fit.speeds.size:
+            yield f"Stable at the tested {_speeds(fit)}."
+    elif not (threshold.known and onset.value < highest * RPM_PER_RAD_S):  # else that is said of the threshold
         yield "Unstable at a speed that was tested."
-    elif fit.speeds.size:
-        yield f"Stable at the tested {_speeds(fit)}."
-    onset = threshold.quantity
     if math.isinf(onset.stderr):
         yield "These data do not determine whether or at which speed it becomes unstable."
     elif math.isnan(onset.value):
@@ -360,13 +361,11 @@ def _speeds(fit: FitResult) -> str:
     return f"speeds, {', '.join(rpm[:-1])} and {rpm[-1]} rpm" if rpm[1:] else f"speed, {rpm[0]} rpm"
 
 
-def unstable(fit: FitResult, group: int) -> bool:
-    """True if the fitted rotor of a group is unstable at a speed that was tested."""
-    theta, speeds = fit.thetas[group], fit.speeds
-    if not speeds.size:
-        return False
-    rates = growth_rate(fit.model, np.broadcast_to(theta, (speeds.size, theta.size)), speeds, fit.stability_band)
-    return bool((rates > 1e-9 * np.abs(theta).max()).any())
+def _unstable_where_tested(fit: FitResult) -> bool:
+    """True if the fitted rotor is unstable at a speed that was tested."""
+    speeds = fit.speeds
+    rotors = (np.broadcast_to(theta, (speeds.size, theta.size)) for theta in fit.thetas)
+    return bool(speeds.size) and any(growing(fit.model, one, speeds, fit.stability_band)[1].any() for one in rotors)
 
 
 def _agreement(fit: FitResult) -> Iterator[str]:

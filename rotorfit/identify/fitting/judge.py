@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.base.array_types import Bool, ComplexArray, Float, Index
+from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.blocks.correlated import freedom_of
@@ -42,7 +42,7 @@ from rotorfit.identify.fitting.settings import FitSettings
 from rotorfit.lab.data.findings import Finding
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.models import BLOCKS, RotorModel
-from rotorfit.models.motion.stability import growth_rate, stability_band
+from rotorfit.models.motion.stability import growing, stability_band
 from rotorfit.models.parameters import bare_name
 
 _MEANING = {
@@ -370,21 +370,8 @@ def fit_warnings(
     """Warnings for a reader of the result; ``alone``: lines that alone miss it."""
     if alone is not None:
         yield _warning("bad-lines", alone.sentence(redchi))
-    else:
-        yield from _of_residuals(problem, x, redchi, params, identifiability, rescaled, noise)
-    yield from _of_values(problem, x, params, identifiability)
-
-
-def _of_residuals(
-    problem: Problem,
-    x: Float,
-    redchi: float,
-    params: Mapping[str, FittedParameter],
-    identifiability: Identifiability,
-    rescaled: bool,
-    noise: ResidualStudy | None,
-) -> Iterator[Finding]:
-    """Warnings of residuals that are not the noise as expected."""
+        yield from _of_values(problem, x, params, identifiability)
+        return
     if noise is not None:
         yield from noise.warnings(redchi, _of_scatter(problem, x, params))
     advice = _advice(problem, identifiability, rescaled)
@@ -419,6 +406,7 @@ def _of_residuals(
                 f"outliers but the model limits this fit, and parameters may be biased; {advice}"
             )
             yield _warning("misfit", text)
+    yield from _of_values(problem, x, params, identifiability)
 
 
 def _of_scatter(problem: Problem, x: Float, params: Mapping[str, FittedParameter]) -> str:
@@ -487,7 +475,8 @@ def _instability(problem: Problem, x: Float, unresolved: Sequence[str]) -> list[
         if block.imposed or not block.frequency.any():
             continue  # under a static load the journal may run where centred it could not
         _, group, speed = block.at_set_speed().condition
-        rates, grows = growth(model, theta[group], speed, block.frequency)
+        band = stability_band(model, float(np.abs(block.frequency).max()))
+        rates, grows = growing(model, theta[group], speed, band)
         for v, rate, some in zip(speed, rates, grows, strict=True):
             if some and len(set(found)) < 3:
                 where = f"the tested speed of {v * RPM_PER_RAD_S:.0f} rpm" if model.speed_dependent else "any speed"
@@ -496,16 +485,6 @@ def _instability(problem: Problem, x: Float, unresolved: Sequence[str]) -> list[
                     f"not have been measured there. {remedy}"
                 )
     return list(dict.fromkeys(found))
-
-
-def growth(model: RotorModel, theta: Float, speed: Float, frequency: Float) -> tuple[Float, Bool]:
-    """Largest growth rate, 1/s, of rotors at tested speeds, and whether it is more than round-off, shape ``(K,)``."""
-    band = stability_band(model, float(np.abs(frequency).max()))
-    if len(speed) == 1:  # one by numbers: arrays of one entry cost several times as much
-        rates = growth_rate(model, theta[0], speed[0], band)[None]
-    else:
-        rates = growth_rate(model, theta, speed, band)
-    return rates, np.asarray(rates > 1e-9 * np.abs(theta).max(axis=1))
 
 
 def why_not_refined(model: RotorModel, identifiability: Identifiability) -> str:

@@ -19,7 +19,7 @@ from rotorfit.base.digits import NOT_DETERMINED, significant, with_error, with_e
 from rotorfit.base.names import unknown_name
 from rotorfit.base.significance import quantile
 from rotorfit.base.text_table import Printed, text_table
-from rotorfit.base.units import in_base, powers, si_of
+from rotorfit.base.written_units import dimensions, product_unit, shown_unit, si_of
 from rotorfit.estimators.inference.joint_errors import JointErrors, Reach
 
 Share: TypeAlias = Literal["all", "noise"]
@@ -33,9 +33,6 @@ CAUSE = "cause "
 
 _OF_EACH_TEST = ("drift", "clock")
 """Causes that two tests of one rig do not have in common."""
-
-_SHOWN = ({"N": 1, "m": -1}, {"N": 1}, {"N": 1, "s": 1, "m": -1}, {"N": 1, "m": 1})
-"""Units with a newton that are written as such: stiffness, force, damping, moment."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -127,6 +124,7 @@ class Number(Printed):
     """
 
     value: float
+    stderr: float
     unit: str
 
     if TYPE_CHECKING:
@@ -135,8 +133,32 @@ class Number(Printed):
         def _quantity(self) -> Quantity:
             """The number as a quantity."""
 
+        @property
+        def error(self) -> ErrorBar | None:
+            """The error share by share."""
+
         def interval(self, level: float = 0.95, *, share: Share = "all") -> tuple[float, float]:
             """Confidence interval."""
+
+    @property
+    def noise(self) -> float:
+        """Share of ``stderr`` by the noise: the error if every cause were known."""
+        return self.stderr if self.error is None else self.error.noise
+
+    @property
+    def bounded(self) -> float:
+        """Share of ``stderr`` by causes that had to be found from the data."""
+        return 0.0 if self.error is None else self.error.bounded
+
+    @property
+    def trust(self) -> float:
+        """Share of ``stderr`` that rests on sizes that causes are given before the data."""
+        return 0.0 if self.error is None else self.error.trust
+
+    @property
+    def systematic(self) -> float:
+        """Share of ``stderr`` by causes, found and on trust."""
+        return 0.0 if self.error is None else self.error.systematic
 
     @property
     def determined(self) -> bool:
@@ -267,7 +289,7 @@ class Number(Printed):
 
     def exp(self) -> Quantity:
         """Exponential of a number without dimension, for ``np.exp``."""
-        if _dimensions(self.unit):
+        if dimensions(self.unit):
             raise ValueError(f"exp needs a number without dimension; this is in {self.unit}")
         a = math.exp(self.value)
         return _combined(self, a, 0.0, 0.0, a, "1")
@@ -371,16 +393,6 @@ class Quantity(Number):
         """The error share by share; None without causes, and for a number on its own."""
         return None if self.source is None else self.source.error_of(self.slopes)
 
-    @property
-    def noise(self) -> float:
-        """Share of ``stderr`` by the noise: the error if every cause were known."""
-        return self.stderr if self.error is None else self.error.noise
-
-    @property
-    def systematic(self) -> float:
-        """Share of ``stderr`` by causes, found and on trust."""
-        return 0.0 if self.error is None else self.error.systematic
-
     def __repr__(self) -> str:
         return f"<{self}>"
 
@@ -452,26 +464,6 @@ class FittedParameter(Number):
     def error(self) -> ErrorBar | None:
         """The error share by share; None where no causes were solved, and for known parameters."""
         return self._quantity.error if self.vary else None
-
-    @property
-    def noise(self) -> float:
-        """Share of ``stderr`` by the noise: the error if every cause were known."""
-        return self.stderr if self.error is None else self.error.noise
-
-    @property
-    def bounded(self) -> float:
-        """Share of ``stderr`` by causes that had to be found from the data."""
-        return 0.0 if self.error is None else self.error.bounded
-
-    @property
-    def trust(self) -> float:
-        """Share of ``stderr`` that rests on sizes that causes are given before the data."""
-        return 0.0 if self.error is None else self.error.trust
-
-    @property
-    def systematic(self) -> float:
-        """Share of ``stderr`` by causes, found and on trust."""
-        return 0.0 if self.error is None else self.error.systematic
 
     def interval(self, level: float = 0.95, *, share: Share = "all") -> tuple[float, float]:
         """As :meth:`Quantity.interval`.
@@ -545,51 +537,16 @@ class Parameters(Printed, dict[str, FittedParameter]):
         return "\n".join(text_table([["parameter", "value", "meaning"], *rows], "<9 <20 <1"))
 
 
+def _unit_of(*factors: tuple[Number | float, float]) -> str:
+    """Unit of a product of powers of numbers."""
+    return product_unit((number.unit, power) for number, power in factors if isinstance(number, Number))
+
+
 def _same_unit(a: Number, b: Number | float) -> str:
     """The unit of a sum; a plain zero, where Python's ``sum`` begins, has any."""
     if not isinstance(b, Number) and b == 0:
         return a.unit
     other = b.unit if isinstance(b, Number) else "1"
-    if _dimensions(a.unit) != _dimensions(other):
+    if dimensions(a.unit) != dimensions(other):
         raise ValueError(f"a sum needs one unit; these are {a.unit or '1'} and {other or '1'}")
     return a.unit
-
-
-# ---- units --------------------------------------------------------------------------------------
-
-
-def shown_unit(unit: str) -> str:
-    """A unit behind a number, where a number without dimension has none."""
-    return "" if unit == "1" else unit
-
-
-def _unit_of(*factors: tuple[Number | float, float]) -> str:
-    """Unit of a product of powers, as people write it."""
-    units = [(number.unit, power) for number, power in factors if isinstance(number, Number)]
-    if len(units) == 1 and units[0][1] == 1:
-        return units[0][0]
-    total: dict[str, float] = {}
-    for unit, power in units:
-        for name, size in _dimensions(unit).items():
-            total[name] = total.get(name, 0) + power * size
-    total = {name: size for name, size in total.items() if size}
-    for shown in _SHOWN:
-        if in_base(shown) == total:
-            return _written(shown)
-    return _written(total)
-
-
-def _dimensions(unit: str) -> dict[str, float]:
-    """Powers of kg, m and s in a unit such as ``N s/m`` or ``kg m^2``; a radian is a number."""
-    return {name: size for name, size in in_base(powers(unit)).items() if name != "rad"}
-
-
-def _written(found: Mapping[str, float]) -> str:
-    above = [_power(name, size) for name, size in found.items() if size > 0]
-    below = [_power(name, -size) for name, size in found.items() if size < 0]
-    under = below[0] if len(below) == 1 else f"({' '.join(below)})"
-    return " ".join(above) or "1" if not below else f"{' '.join(above) or '1'}/{under}"
-
-
-def _power(name: str, size: float) -> str:
-    return name if size == 1 else f"{name}^{size:g}"
