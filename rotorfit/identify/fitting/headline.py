@@ -427,20 +427,24 @@ def largest_on_trust(fit: FitResult, bar: ErrorBar | None) -> str:
 
 
 def _limit(fit: FitResult, numbers: Sequence[KeyNumber]) -> Limit | None:
+    """The largest cause of the first number that is not well known and rests on causes more than on what was read."""
     bars = [(number, bar) for number in numbers if (bar := number.error) is not None and bar.stderr > 0]
-    shares: dict[str, float] = {}
-    for _, bar in bars:
-        for name, share in bar.on_trust.items():
-            shares[name] = shares.get(name, 0.0) + (share / bar.stderr) ** 2
-    name = max(shares, key=lambda one: shares[one], default="")
-    weigh = 0.1  # share of the variance from which a number depends on a cause
-    moved = [(n, bar) for n, bar in bars if bar.on_trust.get(name, 0.0) ** 2 > weigh * bar.stderr**2]
-    if not moved:
+    half, small = 0.5, 0.01  # share of a variance that is most of it; error over value that leaves nothing to wish
+    number, bar = next(
+        (
+            (n, bar)
+            for n, bar in bars
+            if bar.trust**2 > half * bar.stderr**2 and bar.stderr > small * abs(n.quantity.value)
+        ),
+        (None, None),
+    )
+    if number is None or bar is None:
         return None
-    number, bar = max(moved, key=lambda one: abs(one[1].on_trust[name]) / one[1].stderr)
+    name, weigh = bar.largest_on_trust, 0.1  # share of the variance from which another number depends on it
+    moved = [n for n, other in bars if other.on_trust.get(name, 0.0) ** 2 > weigh * other.stderr**2]
     left = math.sqrt(max(bar.stderr**2 - bar.on_trust[name] ** 2, 0.0))
     effect = f"the error of {number.name} then falls from {number.shown.error} to {significant(left, 2)} at best"
-    others = [other.name for other, _ in moved if other is not number]
+    others = [other.name for other in moved if other is not number]
     return Limit(
         cause=noun_of(fit.causes[name]),
         remedy=fit.causes[name].remedy,

@@ -108,12 +108,9 @@ def _head(head: Headline) -> list[str]:
     rows: list[list[str | Wide]] = [["", "value", "+-", "95 % interval", "unit"]]
     rests = ["largest on trust"]
     for number in head.numbers:
-        shown, longest = number.shown, 21  # letters of a meaning
-        meaning = number.meaning
-        if len(meaning) > longest:  # the noun alone
-            meaning = textwrap.shorten(
-                re.split(r",| (?:of|at|in|by|over|that|to) ", meaning)[0], longest, placeholder=""
-            )
+        shown, meaning = number.shown, number.meaning
+        if len(meaning) > 21:  # letters that there is room for
+            meaning = textwrap.shorten(_noun(meaning), 21, placeholder="")
         named = number.name if number.is_named else f"{number.name:<4} {meaning}"
         ends = f"{shown.low} to {shown.high}" if shown.low else ""
         rows.append([named, shown.value, shown.error, ends, shown.unit] if number.known else [named, shown.value])
@@ -127,8 +124,13 @@ def _head(head: Headline) -> list[str]:
 def _within(cause: str, room: int) -> str:
     """A cause and its size, or as much of both as there is room for."""
     noun, _, size = cause.rpartition(", ")
-    shorter = (f"{noun} {size}".strip(), noun, noun.partition(" at ")[0], "")
+    shorter = (f"{noun} {size}".strip(), noun, _noun(noun), "")
     return next(words for words in shorter if len(words) <= room or not words)
+
+
+def _noun(words: str) -> str:
+    """Words without where, of what and by what."""
+    return re.split(r",| (?:of|at|in|by|over|that|to|between) ", words)[0]
 
 
 def fit_table(fit: FitResult, findings: Sequence[Finding] | None = None) -> str:

@@ -100,7 +100,8 @@ def sample(
     work = max(ess, (walkers or WALKERS) * typical_steps)
     target = posterior_of(fit, settings, accelerate=accelerate, work=work)
     usual = FEW_WALKERS if fit.model.shaft is not None else WALKERS
-    enough = 2 * math.ceil(ess / 60)  # each gives 100 effective samples, or more, until its times are resolved
+    # Each gives 100 effective samples until its times are resolved; thrice as many walkers keep likelihoods busy
+    enough = 2 * math.ceil(ess / 60)
     count = walkers or max(min(usual, max(16, enough)), 2 * target.size)
     centre, covariance = target.laplace(fit.x)
     try:
