@@ -74,11 +74,11 @@ EYES = {  # Machado, Oliveira and Fernandes 2009, severity 1, of linear RGB
 @pytest.mark.parametrize("eye", EYES)
 @pytest.mark.parametrize(
     ("colours", "least"),
-    [(style.COLOURS, 16), (style.RAMP, 20), (style.FORWARD, 12), (style.BACKWARD, 13), (style.SHARES, 22)],
+    [(style.COLOURS, 17), (style.RAMP, 22), (style.FORWARD, 13), (style.BACKWARD, 14), (style.SHARES, 26)],
 )
 def test_colours_of_a_set_are_told_apart_by_every_eye(eye: str, colours: tuple[str, ...], least: float) -> None:
     seen = [lab(colour, np.asarray(EYES[eye])) for colour in colours]
-    assert min(np.linalg.norm(a - b) for a, b in itertools.combinations(seen, 2)) > least
+    assert min(np.linalg.norm(a - b) for a, b in itertools.combinations(seen, 2)) >= least - 0.5  # as rounded
 
 
 def test_text_has_contrast_and_the_first_two_conditions_differ_in_grey() -> None:
