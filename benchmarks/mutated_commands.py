@@ -59,7 +59,7 @@ _TABLES = (
     "join {} --out joined.nc",
     "balance {}",
     "trend {}",
-    f"compare-laws {{}} {_MODEL} --clearance-um 200 --json",
+    f"fit {{}} {_MODEL} --clearance-um 200 --laws all --json",
     "run study.toml --json",
     "watch inbox --study any.toml --store watched.db --once --settle 0",
     f"fit {{}} {_MODEL} --bootstrap 4 --json",

@@ -277,7 +277,7 @@ def options_of(*words: str) -> set[str]:
         parser = left.pop()
         left += below(parser).values()
         found |= set(re.findall(r"^\s+(?:-\w(?: \S+)?, )?(--[a-z][\w-]*)", parser.format_help(), re.MULTILINE))
-    return found - {"--help"}
+    return found - {"--help", "--help-all"}
 
 
 def below(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:

@@ -136,16 +136,6 @@ def _is_closed(executor: Executor) -> bool:
 # ---- where the work goes --------------------------------------------------------------------------------------------
 
 
-def executor_of(executor: Executor | None, client: Any) -> Executor | None:
-    """The executor that was given, or that of a Dask client."""
-    if client is None:
-        return executor
-    if executor is not None:
-        raise ValueError("executor and client are both given; give one of them")
-    found: Executor = client.get_executor(pure=False)
-    return found
-
-
 @contextmanager
 def process_pool(count: int) -> Iterator[Executor]:
     """An executor of processes on this machine, which end with the one that started them, however that ends."""
@@ -182,7 +172,7 @@ def cluster(address: str) -> Iterator[Executor | None]:
         pages = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}  # of the scheduler: for this machine alone
         quiet = {"scheduler_kwargs": pages, "silence_logs": logging.CRITICAL}
         with LocalCluster(n_workers=int(rest), threads_per_worker=1, **quiet) as workers, Client(workers) as client:
-            yield executor_of(None, client)
+            yield client.get_executor(pure=False)
         return
     time_to_connect = 15.0  # seconds that a scheduler may take to answer. Chosen.
     try:
@@ -192,7 +182,7 @@ def cluster(address: str) -> Iterator[Executor | None]:
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what is lost is said where it is done again
     with found as client:
         _check_versions(client, address)
-        yield executor_of(None, client)
+        yield client.get_executor(pure=False)
 
 
 def _check_versions(client: Any, address: str) -> None:

@@ -96,7 +96,7 @@ def misread(tmp_path: Path) -> Path:
     return tmp_path / "shaker.csv"
 
 
-@pytest.mark.parametrize("words", [["campaign"], ["compare-laws", "--clearance-um", "200", "--laws", "constant"]])
+@pytest.mark.parametrize("words", [["campaign"], ["fit", "--clearance-um", "200", "--laws", "constant"]])
 def test_errors_of_the_data_are_said_and_end_with_1(
     words: list[str], misread: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

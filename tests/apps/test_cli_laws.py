@@ -1,4 +1,4 @@
-"""``rotorfit simulate`` and ``rotorfit compare-laws``: what Python gives, in files and on the terminal."""
+"""``rotorfit simulate`` and ``rotorfit fit --laws``: what Python gives, in files and on the terminal."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import pytest
 from command_words import Run
 
 import rotorfit as rf
-from rotorfit.apps.study_files.folder import CONTENTS
 from rotorfit.show.plots import eccentricity, static_and_impulse
 
 TRUTH = {"M": 1.2, "K": 2000.0, "Ds": 8.0, "K0": 9000.0, "D": 60.0, "lam": 0.46, "Mf": 0.4}
@@ -140,40 +139,45 @@ def test_a_file_that_cannot_be_written_is_told_and_left_alone(run: Run, tmp_path
     assert [p.name for p in tmp_path.iterdir()] == ["test.uff"]
 
 
-def test_compare_laws_prints_and_writes_the_ranking(run: Run, tmp_path: Path, sweep: rf.PerturbationTest) -> None:
+def test_a_fit_ranks_laws_and_takes_the_best(run: Run, tmp_path: Path, sweep: rf.PerturbationTest) -> None:
     rf.write(sweep, tmp_path / "sweep.csv")
     out_folder = tmp_path / "laws"
     laws = ["--laws", "constant,muszynska"]
-    code, out, err = run("compare-laws", tmp_path / "sweep.csv", *RANK, *laws, "--out", out_folder)
+    code, out, err = run("fit", tmp_path / "sweep.csv", *RANK, *laws, "--out", out_folder, "--no-figures")
     assert (code, err) == (0, "")
     found = rf.compare_laws(
         rf.models.OneMode(), rf.read(tmp_path / "sweep.csv"), (rf.models.Constant(), rf.models.Muszynska()),
         clearance_um=200, known=KNOWN,
     )  # fmt: skip
-    assert out.startswith(str(found))
-    assert {p.name for p in out_folder.iterdir()} == {"law_comparison.csv", "law.png", "summary.txt", CONTENTS}
+    assert str(found) in out
     with (out_folder / "law_comparison.csv").open(encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
     assert [(row["law"], float(row["aic"])) for row in rows] == [(repr(e.law), e.aic) for e in found.laws]
     assert found.verdict in (out_folder / "summary.txt").read_text(encoding="utf-8")
-    code, out, _ = run("compare-laws", tmp_path / "sweep.csv", *RANK, *laws, "--json")
+    saved = rf.load_fit(out_folder / "fit.json")
+    assert saved.model.options()["law"] == rf.models.Muszynska()
+    study = {"files": ["sweep.csv"], "model": "one-mode", "clearance_um": 200, "known": KNOWN, "laws": ["all"]}
+    written = "\n".join(f"{key} = {json.dumps(value)}" for key, value in study.items() if key != "known")
+    known = "\n".join(f"{name} = {value}" for name, value in KNOWN.items())
+    (tmp_path / "study.toml").write_text(f"{written}\n[known]\n{known}\n", encoding="utf-8")
+    code, out, _ = run("run", tmp_path / "study.toml", "--json")
     answer = json.loads(out)
-    assert (code, answer["best"], answer["nonlinear"]) == (0, "Muszynska()", True)
-    assert answer["laws"][1]["bic"] == found["constant"].bic
-    assert run("compare-laws", tmp_path / "sweep.csv", *RANK, *laws, "--quiet")[:2] == (0, "")
+    assert (code, answer["laws"][0]["law"], len(answer["laws"])) == (0, "Muszynska()", 5)
+    assert "ask for a nonlinear stiffness" in answer["verdict"]
 
 
 @pytest.mark.parametrize(("words", "message"), [
-    (["--model", "one-mode"], "--clearance-um"),
+    (["--model", "one-mode", "--laws", "all"], "--clearance-um"),
     ([*RANK, "--laws", "muszinska"], "muszynska"),
-    ([*RANK, "--known", "Q=1"], "Q"),
-    ([*RANK, "--planes", "seal"], "seal"),
+    ([*RANK, "--laws", "all", "--law", "muszynska"], "one of the two"),
+    ([*RANK, "--laws", "all", "--known", "Q=1"], "Q"),
+    ([*RANK, "--laws", "all", "--planes", "seal"], "seal"),
 ])  # fmt: skip
-def test_compare_laws_says_what_is_wrong(
+def test_a_ranking_says_what_is_wrong(
     run: Run, tmp_path: Path, sweep: rf.PerturbationTest, words: list[str], message: str
 ) -> None:
     rf.write(sweep, tmp_path / "sweep.csv")
-    code, out, err = run("compare-laws", tmp_path / "sweep.csv", *words, "--out", tmp_path / "laws")
+    code, out, err = run("fit", tmp_path / "sweep.csv", *words, "--out", tmp_path / "laws")
     assert (code, out) == (2, "")
     assert message in err
     assert not (tmp_path / "laws").exists()

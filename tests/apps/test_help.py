@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 
 import pytest
 
 import rotorfit as rf
-from rotorfit.apps.cli.main import COMMANDS, EXAMPLES, build_parser
+from rotorfit.apps.cli.main import COMMANDS, DAILY, EXAMPLES, build_parser
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -37,10 +38,21 @@ def test_help_is_a_command_too(run: Run) -> None:
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_help_has_an_example_that_the_command_line_takes(name: str) -> None:
-    words = EXAMPLES[name].partition(" > ")[0].split()
-    assert words[0] == name
-    assert build_parser([name]).parse_args(words).command is not None
-    assert len(EXAMPLES[name]) <= 70  # one line of a terminal, which does not break it
+    for line in EXAMPLES[name].splitlines():
+        words = line.partition(" > ")[0].split()
+        assert words[0] == name
+        assert build_parser([name]).parse_args(words).command is not None
+        assert len(line) <= 70  # one line of a terminal, which does not break it
+
+
+@pytest.mark.parametrize("name", DAILY)
+def test_help_shows_the_options_of_every_day_first(run: Run, name: str) -> None:
+    code, short, _ = run(name, "--help")
+    _, whole, _ = run(name, "--help-all")
+    shown = set(re.findall(r"^  (--[a-z-]+)", short, re.MULTILINE))
+    assert code == 0
+    assert shown == {"--help-all", *(f"--{option}" for option in DAILY[name])}
+    assert len(short.splitlines()) < len(whole.splitlines()) / 2
 
 
 def test_tables_are_there_as_json(run: Run) -> None:

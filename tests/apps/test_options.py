@@ -18,7 +18,7 @@ from rotorfit.apps.study_files.study import Study
 from rotorfit.apps.study_files.study_file import study_of
 from rotorfit.identify.fitting.fit import fit
 from rotorfit.identify.fitting.settings import FitKeywords, FitOptions
-from rotorfit.identify.options.table import CAMPAIGN, FIT, LAW, LAW_RANKING, MODEL, UNCERTAINTY, command_words
+from rotorfit.identify.options.table import CAMPAIGN, FIT, LAW, MODEL, SEARCH, UNCERTAINTY, command_words
 
 SETTINGS = {
     "structure": "shaft.mat",
@@ -33,6 +33,7 @@ SETTINGS = {
     "orthotropic": ("seal",),
     "law": "muszynska",
     "clearance_um": 127.25,
+    "laws": ("muszynska", "collapse"),
     "probes": {"quarter": {"disk": 0.6, "journal": -0.4}},
     "known": {"K3": 6000.0, "K1": (16000.0, 80.0), "sigma": None},
     "bounds": {"lam": (0.0, 0.6), "K0": (-float("inf"), 1e5)},
@@ -66,7 +67,7 @@ SETTINGS = {
 def test_every_setting_of_a_study_is_in_the_table() -> None:
     """The files, the model and the folder are what they apply to."""
     assert {f.name for f in fields(Study)} - {"files", "model", "out"} == set(FIT)
-    assert set(MODEL) | set(LAW) | set(CAMPAIGN) | set(LAW_RANKING) | set(UNCERTAINTY) <= set(FIT)
+    assert set(MODEL) | set(LAW) | set(CAMPAIGN) | set(SEARCH) | set(UNCERTAINTY) <= set(FIT)
 
 
 def test_a_fit_takes_the_options_that_are_described_once() -> None:

@@ -198,6 +198,10 @@ def test_one_value_for_each_speed():
     assert fit.threshold_speed(at={"speed_rpm": 100 * 30 / np.pi}).value == slow.value  # not the ten digits of the name
     with refuses(KeyError):
         plain_fit(OneMode(), tests, known=FLUID, per={"D": "temperature"})
+    every = plain_fit(OneMode(), tests, known={"M": cold["M"], "K": cold["K"]}, per={"K*": "speed_rpm"})
+    assert {n.partition("[")[0] for n in every.params if "[" in n} == {"K0"}  # K is known
+    with pytest.raises(KeyError, match=r"no fitted parameter of one-mode is like 'Q\*'; there are D, lam"):
+        plain_fit(OneMode(), tests, known=cold | {"D": None, "lam": None}, per={"Q*": "speed_rpm"})
     both = [
         replace(test, attributes={"bar": np.full(len(test), bar)}) for test, bar in zip(tests, (2.0, 3.5), strict=True)
     ]

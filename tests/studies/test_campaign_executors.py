@@ -146,7 +146,7 @@ def test_dask_cluster_that_loses_a_worker(small, fitted):
 
         options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": logging.CRITICAL}
         with LocalCluster(**options) as cluster, Client(cluster) as client:
-            pool = client.get_executor()
+            pool = client.get_executor(pure=False)
             same_fits(rf.campaign(OneMode(), table, known=KNOWN, executor=pool), fitted)
             killed = []
 
@@ -170,7 +170,7 @@ def test_a_dask_cluster_and_one_scaled_to_zero():
         warnings.simplefilter("ignore")  # of the cluster itself
         with cluster("local:1") as pool:
             same_fits(rf.campaign(OneMode(), table, known=KNOWN, executor=pool), plain)
-            same_fits(rf.campaign(OneMode(), table, known=KNOWN, client=pool._client), plain)
+            same_fits(rf.campaign(OneMode(), table, known=KNOWN, executor=pool), plain)
             logging.getLogger("distributed").setLevel(logging.CRITICAL)
             pool._client.cluster.scale(0)
             assert carry_out(abs, [-1, -2], pool, patience=1.0) == [1, 2]

@@ -17,7 +17,7 @@ from rotorfit.base.array_types import Float
 from rotorfit.base.executors import cluster, process_pool
 from rotorfit.base.units import RAD_S_PER_RPM
 from rotorfit.identify.options.kinds import count_word, is_set, pairs, probability_word, two_numbers
-from rotorfit.identify.options.table import FIT, MODEL, UNCERTAINTY
+from rotorfit.identify.options.table import FIT, MODEL, SEARCH, SHAFT, UNCERTAINTY
 from rotorfit.lab.recordings.formats.files import ALWAYS_RAW
 from rotorfit.models import KnownStructure
 
@@ -82,12 +82,12 @@ def group(options: argparse.Namespace) -> dict[str, float | str]:
     return pairs("--at", options.at, number_or_text)
 
 
-def add_paths(to: argparse.ArgumentParser, help: str, count: str = "+") -> None:
+def add_paths(to: argparse._ActionsContainer, help: str, count: str = "+") -> None:
     """Files, at least one."""
     to.add_argument("files", nargs=count, type=Path, metavar="FILE", help=help)
 
 
-def add_files(to: argparse.ArgumentParser) -> None:
+def add_files(to: argparse._ActionsContainer) -> None:
     """Test files and how they are read."""
     add_paths(to, "test files (.csv .uff .nc .mat), recordings of raw signals (.h5 .tdms .wav)")
     add_setup(to)
@@ -107,14 +107,14 @@ def add_files(to: argparse.ArgumentParser) -> None:
     option(to, "--drop-near-1x PERCENT", "leave out readings this close to the running speed", float)
 
 
-def add_selection(to: argparse.ArgumentParser) -> None:
+def add_selection(to: argparse._ActionsContainer) -> None:
     """Which readings to take."""
     rows = "readings by run, speed_rpm, frequency_hz, plane or a column of the file: a value or a range LO:HI"
     option(to, "--where NAME=VALUE ...", f"keep only {rows}; repeat it for a further value")
     option(to, "--exclude NAME=VALUE ...", f"leave out {rows}")
 
 
-def add_setup(to: argparse.ArgumentParser) -> None:
+def add_setup(to: argparse._ActionsContainer) -> None:
     """Setup of the rig for recordings."""
     words = "setup of the rig with the channels of recordings; all files are then recordings"
     option(to, "--setup rig.toml", words, Path)
@@ -142,7 +142,7 @@ def workers_of(options: argparse.Namespace) -> AbstractContextManager[Executor |
     return process_pool(options.jobs) if options.jobs > 1 else nullcontext()
 
 
-def add_model(to: argparse.ArgumentParser, options: Iterable[str] = MODEL) -> None:
+def add_model(to: argparse._ActionsContainer, options: Iterable[str] = MODEL) -> None:
     """The model, and options by name."""
     to.add_argument("--model", help="see `rotorfit models`; left out with --structure")
     add_options(to, options)
@@ -173,10 +173,13 @@ def add_options(to: argparse._ActionsContainer, names: Iterable[str]) -> None:
 
 def add_fit_options(fit: argparse.ArgumentParser) -> None:
     """All that a single fit takes."""
-    add_files(fit)
-    option(fit, "--out OUT", "folder for tables and figures", Path)
-    add_model(fit, [name for name in FIT if name not in UNCERTAINTY])
+    add_files(fit.add_argument_group("data"))
+    apart = (*SHAFT, *SEARCH, *UNCERTAINTY)
+    add_model(fit.add_argument_group("model"), [name for name in FIT if name not in apart])
+    add_options(fit.add_argument_group("shaft from a file"), SHAFT)
+    add_options(fit.add_argument_group("search"), SEARCH)
     add_options(fit.add_argument_group("uncertainty beyond standard errors"), UNCERTAINTY)
+    option(fit, "--out OUT", "folder for tables and figures", Path)
 
 
 # ---- from words to settings -------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""The command line: ``rotorfit demo``, ``fit``, ``run``, ``campaign``, ``compare-laws``, ``simulate`` and others.
+"""The command line: ``rotorfit demo``, ``fit``, ``run``, ``campaign``, ``simulate`` and others.
 
 Exit codes: 0 done, 1 the data have an error or the fit or sampling did not converge, 2 bad input (one sentence on
 stderr), 3 an alarm of a watched machine, 4 an error of the program, 130 interrupted.
@@ -34,7 +34,6 @@ COMMANDS = {
     "fit": ("fits", "fit a model to test files"),
     "run": ("fits", "fit with the settings of a TOML file"),
     "campaign": ("several", "fit every run of a campaign and show how the parameters change with its conditions"),
-    "compare-laws": ("several", "fit several laws of eccentricity to the same files and rank them by AIC and BIC"),
     "simulate": ("simulation", "simulate a test of a virtual rig by integration in time and write its file"),
     "vectors": (
         "recordings", "turn recordings of raw signals into vectors: responses with their noise, in a tidy CSV",
@@ -76,10 +75,11 @@ used: ``add_NAME`` adds the options, and ``NAME`` does the work and returns the 
 
 EXAMPLES = {
     "demo": "demo --out demo",
-    "fit": "fit rig.csv --model whirl-whip --known K3=6000 --out results",
+    "fit": "fit rig.csv --model whirl-whip --known K3=6000 --out results\n"
+    "fit sweep-*.h5 --setup rig.toml --model one-mode --per 'K*=speed_rpm'\n"
+    "fit sweep.csv --model one-mode --clearance-um 100 --laws all",
     "run": "run study.toml --out results",
     "campaign": "campaign runs.csv --model one-mode --known M=1.2 --out results",
-    "compare-laws": "compare-laws sweep.csv --model one-mode --clearance-um 100",
     "simulate": "simulate --set M=1.2 --speed-rpm 1000 --out test.csv",
     "vectors": "vectors sweep.h5 --setup rig.toml --out responses.csv",
     "join": "join reference.csv trial.csv --out both.csv",
@@ -97,7 +97,12 @@ EXAMPLES = {
     "info": "info rig.csv",
     "completion": "completion bash",
 }
-"""A line for each command that may be typed as it stands, with files of one's own."""
+"""Lines for each command that may be typed as they stand, with files of one's own."""
+
+DAILY = {
+    "fit": ("setup", "where", "model", "known", "per", "undo", "refine", "profile", "sample", "out", "json", "quiet"),
+}
+"""What ``--help`` shows of commands with many options; ``--help-all`` shows the rest."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -166,6 +171,26 @@ def _close_output() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
+class _Lines(argparse.HelpFormatter):
+    """Help that keeps the lines of examples apart."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return "\n".join(super(_Lines, self)._fill_text(line, width, indent) for line in text.splitlines()) + "\n"
+
+
+class _DailyHelp(argparse.Action):
+    """Prints the help of the options that are used every day."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        daily = {"--help-all", *(f"--{name}" for name in self.const)}
+        for action in parser._actions:
+            if action.option_strings and not daily & {*action.option_strings}:
+                action.help = argparse.SUPPRESS
+        parser.usage = "%(prog)s [OPTION ...] FILE [FILE ...]"
+        parser.print_help()
+        parser.exit()
+
+
 class _Parser(argparse.ArgumentParser):
     """A parser that refuses in one sentence, as the rest of the program does."""
 
@@ -209,8 +234,16 @@ def build_parser(filled: Iterable[str] = tuple(COMMANDS)) -> argparse.ArgumentPa
     whole.set_defaults(command=None)
     group = whole.add_subparsers(metavar="COMMAND")
     for name, (home, help) in COMMANDS.items():
-        example = f"Example: rotorfit {EXAMPLES[name]}"
-        added = group.add_parser(name, help=help, description=help, epilog=example, allow_abbrev=False)
+        lines = [f"rotorfit {line}" for line in EXAMPLES[name].splitlines()]
+        example = "\n".join(["Examples:", *lines]) if len(lines) > 1 else f"Example: {lines[0]}"
+        added = group.add_parser(
+            name, help=help, description=help, epilog=example, formatter_class=_Lines, allow_abbrev=False,
+            add_help=name not in DAILY,
+        )  # fmt: skip
+        if name in DAILY:
+            words = "show the options of every day and exit"
+            added.add_argument("-h", "--help", action=_DailyHelp, nargs=0, const=DAILY[name], help=words)
+            added.add_argument("--help-all", action="help", help="show all options and exit")
         if name in filled:
             module, function = import_module(f"rotorfit.apps.cli.{home}"), name.replace("-", "_")
             getattr(module, f"add_{function}")(added)

@@ -1,4 +1,4 @@
-"""Several runs or several laws fitted: ``rotorfit campaign`` and ``compare-laws``."""
+"""Several runs fitted, each by itself: ``rotorfit campaign``."""
 
 from __future__ import annotations
 
@@ -13,16 +13,11 @@ from rotorfit.apps.cli.arguments import add_files, add_jobs, add_model, add_outp
 from rotorfit.apps.store.store import Store
 from rotorfit.apps.study_files.data_files import DataFile, look_over, no_progress, read_files
 from rotorfit.apps.study_files.study import Study, build_model, check_model
-from rotorfit.base.names import unknown_name
 from rotorfit.identify.fitting.quantities import FittedParameter, Quantity
-from rotorfit.identify.fitting.structure.law_ranking import LawComparison, LawFit
-from rotorfit.identify.fitting.structure.law_ranking import compare_laws as ranked
-from rotorfit.identify.options.kinds import count_word, positive_word, words
-from rotorfit.identify.options.table import CAMPAIGN, LAW_RANKING, PARAMETERS
+from rotorfit.identify.options.kinds import count_word, words
+from rotorfit.identify.options.table import CAMPAIGN, PARAMETERS
 from rotorfit.lab.data.findings import attributed, error_sentence, errors_in, warnings_in
 from rotorfit.lab.data.rows import Experiment
-from rotorfit.lab.io.tables.result_tables import records_csv
-from rotorfit.models import LAWS
 from rotorfit.studies.campaigns.campaign import Campaign
 from rotorfit.studies.campaigns.campaign import campaign as fit_campaign
 
@@ -150,83 +145,3 @@ def _campaign_json(found: Campaign, options: argparse.Namespace) -> dict[str, An
             for t in found.trends(options.follow, against=options.against, by=options.by, degree=options.degree)
         ]
     return result
-
-
-def add_compare_laws(to: argparse.ArgumentParser) -> None:
-    """Options of the command."""
-    add_files(to)
-    add_model(to, LAW_RANKING)
-    option(to, "--clearance-um UM", "radial clearance at the fluid", positive_word, required=True)
-    help = "laws to compare: muszynska,collapse [constant, muszynska, two even polynomials, a spline]"
-    option(to, "--laws A,B", help, words)
-    add_output(to, "law_comparison.csv, summary.txt and law.png")
-
-
-@answered
-def compare_laws(options: argparse.Namespace) -> Answer:
-    """The ranking of the laws."""
-    found, wrong, warned = _comparison(options)
-    failed = [entry for entry in found.laws if entry.fit is not None and not entry.fit.success]
-    problems = [*([wrong] if wrong else []), *(f"{entry.law!r}: {entry.reason}" for entry in failed)]
-    return Answer(
-        text="\n".join([str(found), *warned]),
-        files=partial(_law_files, found),
-        plain=lambda: {
-            "model": found.best.model.name,
-            "laws": [_row(entry) for entry in found.laws],
-            "best": repr(found.laws[0].law),
-            "parameters": {name: {**_estimate(p), "fitted": p.vary} for name, p in found.best.params.items()},
-            **{name: getattr(found, name) for name in ("nonlinear", "nonlinear_stiffness")},
-            "stiffness_aic": found.stiffness,
-            "verdict": found.verdict,
-            "warnings": warned,
-        },
-        warned=warned,
-        said=problems,
-        good=not problems,
-    )
-
-
-def _comparison(options: argparse.Namespace) -> tuple[LawComparison, str, list[str]]:
-    """The ranking, what is wrong with the data, and what their check warns of."""
-    study = fit_study(options, LAW_RANKING)
-    check_model(study)
-    for name in options.laws or ():
-        if name not in LAWS:
-            raise ValueError(f"--laws: {unknown_name('law', name, LAWS)}")
-    tests, findings = read_files(study.files, no_progress)
-    found = ranked(
-        build_model(study, tests),
-        tests,
-        None if options.laws is None else [LAWS[name]() for name in options.laws],
-        clearance_um=options.clearance_um,
-        **{name: getattr(study, name) for name in (*PARAMETERS, "per", "loss", "phase_offsets")},
-    )
-    everything = attributed(findings, [test.source or test.title for test in tests])
-    return found, error_sentence(errors_in(everything)), warnings_in(everything)
-
-
-def _law_files(found: LawComparison) -> dict[str, Any]:
-    files: dict[str, Any] = {"law_comparison.csv": records_csv([_row(entry) for entry in found.laws])}
-    # There is something to draw of a law that changes with eccentricity alone.
-    drawn = next((e.fit for e in found.laws if e.law.parameters and e.fit is not None and not e.reason), None)
-    note = "law.png: no law that changes with eccentricity could be fitted"
-    if drawn is not None:
-        from rotorfit.show.plots.style import picture_of
-
-        files["law.png"] = picture_of(drawn.plot.law(), dpi=150)
-        note = f"law.png: {drawn.model.options()['law']!r}"
-    return files | {"summary.txt": f"{found}\n\n{note}\n\n{found.best.summary()}\n"}
-
-
-def _row(entry: LawFit) -> dict[str, Any]:
-    """One law of the ranking; what was not fitted is ``None``."""
-    return {
-        "law": repr(entry.law),
-        "fitted": entry.count,
-        "redchi": None if entry.fit is None else entry.fit.redchi,
-        "aic": entry.aic,
-        "bic": entry.bic,
-        "weight": entry.weight,
-        "reason": entry.reason,
-    }

@@ -31,7 +31,6 @@ from rotorfit.apps.study_files.results import UNCERTAINTY_FILES
 from rotorfit.apps.study_files.study import Study, check_model
 from rotorfit.apps.study_files.study_file import read_study, study_of
 from rotorfit.base.atomic_file import note_input, refuse_input
-from rotorfit.base.executors import executor_of
 from rotorfit.base.file_reading import reading
 from rotorfit.base.names import unknown_name
 from rotorfit.identify.fitting.fit_file import fit_from_json
@@ -97,7 +96,6 @@ class Store:
         machine: str = "",
         setup: str | os.PathLike[str] | None = None,
         executor: Executor | None = None,
-        client: Any = None,
         progress: StudyProgress = no_progress,
     ) -> tuple[Added, ...]:
         """Add tests, and with a study their fits.
@@ -108,8 +106,8 @@ class Store:
                 are patterns of names with the options to read such files with.
             machine: the machine of tests that have no attribute ``machine``.
             setup: ``rig.toml`` for recordings.
-            executor: any ``concurrent.futures`` executor to fit with; by default one fit is made after the other, here.
-            client: a Dask client, in place of its executor.
+            executor: any ``concurrent.futures`` executor, also Dask's ``client.get_executor(pure=False)``, to fit with;
+                by default one fit is made after the other, here.
             progress: called as each stage begins.
 
         Returns:
@@ -122,8 +120,7 @@ class Store:
         settings = study_for_store(study)
         rig = None if setup is None else Path(setup)
         sources = sources_of([Path(file) for file in files], settings, rig, progress)
-        there = executor_of(executor, client)
-        return add_sources(self, sources, machine, there, progress)
+        return add_sources(self, sources, machine, executor, progress)
 
     def refit(
         self,

@@ -20,9 +20,10 @@ from rotorfit.identify.fitting.propagation import stderr_of
 from rotorfit.identify.fitting.quantities import FittedParameter
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.structure.coefficients import measured_by_frequency, of_a_rig
+from rotorfit.identify.fitting.structure.law_ranking import LawComparison
 from rotorfit.identify.fitting.structure.modes import own_modes
 from rotorfit.identify.uncertainty.predict import rotor_changes
-from rotorfit.lab.io.tables.result_tables import rows_csv
+from rotorfit.lab.io.tables.result_tables import records_csv, rows_csv
 from rotorfit.show.report.material import FigureFormat
 
 
@@ -48,6 +49,8 @@ def write_outcome(
     responses = ((r.name, r.count, r.nrmse, r.frac, r.redchi) for r in best.responses)
     _write_csv(folder / "responses.csv", (quality, *responses))
     _write_csv(folder / "curves.csv", _curve_rows(best))
+    if outcome.ranking is not None:
+        (folder / "law_comparison.csv").write_text(records_csv(_law_rows(outcome.ranking)), encoding="utf-8")
     if of_a_rig(best):
         best.coefficient_table().to_csv(folder / "coefficients.csv")
         if _of_frequency(best):
@@ -165,6 +168,15 @@ def _parameter_rows(outcome: Outcome) -> Iterator[Sequence[Any]]:
         yield p.name, *shown, status(p), "" if closed is None else closed, p.meaning
 
 
+def _law_rows(ranking: LawComparison) -> list[dict[str, Any]]:
+    """The laws of a ranking; what was not fitted is ``None``."""
+    return [
+        {"law": repr(entry.law), "fitted": entry.count, "redchi": None if entry.fit is None else entry.fit.redchi}
+        | {name: getattr(entry, name) for name in ("aic", "bic", "weight", "reason")}
+        for entry in ranking.laws
+    ]
+
+
 def _curve_rows(fit: FitResult) -> Iterator[Sequence[Any]]:
     """Every reading with what the fit has there, in the model's coordinates and SI units."""
     parts = [f"{what}_{part}" for what in ("measured", "fitted", "fitted_low", "fitted_high") for part in ("re", "im")]
@@ -243,6 +255,7 @@ def outcome_values(outcome: Outcome) -> dict[str, Any]:
         "out": None if outcome.study.out is None else str(outcome.study.out),
         **some(best, "success", "message", "redchi", "aic", "bic"),
         "blocks": list(getattr(best.model, "blocks", ())),
+        **({} if outcome.ranking is None else {"laws": _law_rows(outcome.ranking), "verdict": outcome.ranking.verdict}),
         "parameters": parameters,
         "threshold_rpm": _threshold(best),
         "profiles": {p.name: some(p, "lower", "upper", "level", "message") for p in outcome.profiles},

@@ -6,20 +6,21 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rotorfit.apps.study_files.data_files import DataFile, RecordingFiles, StudyProgress, checked_again, read_files
-from rotorfit.apps.study_files.study import Outcome, Study, build_model, check_model
+from rotorfit.apps.study_files.study import ALL_LAWS, Outcome, Study, build_model, check_model
 from rotorfit.estimators.starting.closed_form import ClosedFormError
 from rotorfit.identify.diagnosis.data_errors import undone
 from rotorfit.identify.fitting.causes.calibration import calibration_of
 from rotorfit.identify.fitting.fit import closed_form, fit
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import FitOptions
+from rotorfit.identify.fitting.structure.law_ranking import LawComparison, compare_laws
 from rotorfit.identify.fitting.structure.refine import refine
 from rotorfit.lab.data.findings import Finding, without_phases
 from rotorfit.lab.data.rows import Experiment
-from rotorfit.models import AnisotropicShaft
+from rotorfit.models import LAWS, AnisotropicShaft, RotorModel
 
 if TYPE_CHECKING:
     from rotorfit.estimators.inference.ensemble_sampler import SamplerProgress
@@ -62,6 +63,12 @@ def identify(
         first = next((file for file in study.files if isinstance(file, DataFile)), DataFile(Path()))
         options = {name: value for name, value in first.options.items() if name not in ("where", "exclude")}
         baseline = DataFile(Path(study.baseline), options).read(progress=progress)
+    ranking, known = None, study.known
+    if study.laws:
+        progress("comparing laws of eccentricity")
+        ranking = _ranked(study, model, experiments, baseline)
+        model = ranking.best.model
+        known = {name: value for name, value in known.items() if name in model.parameter_names}
     progress("closed form")
     closed: FitResult | str
     try:
@@ -76,16 +83,37 @@ def identify(
         experiments,
         baseline=baseline,
         calibration=calibration_of(study.calibration),
-        **{option.name: getattr(study, option.name) for option in fields(FitOptions)},
+        **_settings(study) | {"known": known},
     )
     refinement = None
     if study.refine:
         progress("refining the structure")
         refinement = refine(result)
     outcome = Outcome(
-        study=study, experiments=experiments, findings=findings, closed=closed, fit=result, refinement=refinement
+        study=study,
+        experiments=experiments,
+        findings=findings,
+        closed=closed,
+        fit=result,
+        ranking=ranking,
+        refinement=refinement,
     )
     return _with_uncertainty(outcome, progress, checkpoint, executor) if outcome.best.success else outcome
+
+
+def _settings(study: Study) -> dict[str, Any]:
+    """Options of the fit itself."""
+    return {option.name: getattr(study, option.name) for option in fields(FitOptions)}
+
+
+def _ranked(
+    study: Study, model: RotorModel, experiments: tuple[Experiment, ...], baseline: Experiment | None
+) -> LawComparison:
+    """The laws that the study names, or those that a ranking has by itself, by the same settings as the fit."""
+    laws = None if ALL_LAWS in study.laws else [LAWS[name]() for name in study.laws]
+    return compare_laws(
+        model, experiments, laws, baseline=baseline, calibration=calibration_of(study.calibration), **_settings(study)
+    )
 
 
 def for_model(study: Study, file: DataFile | RecordingFiles) -> DataFile | RecordingFiles:

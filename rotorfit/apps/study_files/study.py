@@ -13,6 +13,7 @@ import numpy as np
 from rotorfit.apps.study_files.data_files import DataFile, RecordingFiles
 from rotorfit.base.names import unknown_name
 from rotorfit.identify.fitting.result import FitResult
+from rotorfit.identify.fitting.structure.law_ranking import LawComparison
 from rotorfit.identify.fitting.structure.refine import Refinement
 from rotorfit.identify.options.kinds import is_set
 from rotorfit.identify.options.table import SHAFT, StudyOptions
@@ -43,6 +44,7 @@ class Outcome:
     findings: tuple[tuple[Finding, ...], ...]  # what the data check found, file by file
     closed: FitResult | str  # the closed form, or the reason why there is none
     fit: FitResult  # the fit of the model as asked for
+    ranking: LawComparison | None = None  # of laws of eccentricity, if asked for; the best one is fitted
     refinement: Refinement | None = None  # the structural refinement, if asked for
     posterior: Posterior | None = None  # of the result to act on, if asked for, as the two below
     profiles: tuple[Profile, ...] = ()
@@ -78,6 +80,9 @@ class Outcome:
         return ""
 
 
+ALL_LAWS = "all"
+"""The word for the laws that a ranking has by itself."""
+
 # ---- the model ----------------------------------------------------------------------------------------------------
 
 
@@ -96,6 +101,11 @@ def check_model(study: Study) -> None:
             raise ValueError(f"structure makes the model {KnownStructure.name}, not {study.model}; leave model out")
         return
     check_model_name(study.model)
+    if study.law and study.laws:
+        raise ValueError("law is one law, laws are several to choose from: give one of the two")
+    for name in study.laws:
+        if name not in (ALL_LAWS, *LAWS):
+            raise ValueError(unknown_name("law", name, (ALL_LAWS, *LAWS)))
     idle = [name for name in SHAFT if getattr(study, name)]
     if idle or isinstance(study.planes, Mapping):
         raise ValueError(

@@ -30,6 +30,8 @@ def summary(outcome: Outcome, rig: str = "") -> str:
         parts.append(f"no closed form: {outcome.closed}")
     elif not lines_by_condition(outcome.fit):
         parts.append(_comparison(outcome.closed, outcome.fit))
+    if outcome.ranking is not None:
+        parts.append(f"laws of eccentricity\n{outcome.ranking}")
     if outcome.refinement is not None:
         parts.append("structural refinement\n" + outcome.refinement.table())
     if best.settings.calibration is not None:

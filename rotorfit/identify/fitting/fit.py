@@ -36,7 +36,7 @@ from rotorfit.identify.fitting.judge import (
 )
 from rotorfit.identify.fitting.noise.error_bars import with_noise
 from rotorfit.identify.fitting.noise.study import study_residuals
-from rotorfit.identify.fitting.problem_setup import as_tuple, build_problem, check_model, dry_run
+from rotorfit.identify.fitting.problem_setup import as_tuple, build_problem, check_model, dry_run, each_of
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import FitSettings, PhaseOffsets
 from rotorfit.lab.data.findings import Finding
@@ -78,7 +78,7 @@ def fit(
         bounds: lower and upper bounds by parameter name, None for none.
         priors: frozen ``scipy.stats`` distributions by parameter name.
         per: parameters that take one value for each value of a test attribute, ``{"D": "speed_rpm"}``, or of several
-            together, ``{"D": "speed_rpm+pressure_bar"}``.
+            together, ``{"D": "speed_rpm+pressure_bar"}``; ``"K*"`` stands for all that begin so and are fitted.
         loss: "linear", or "soft_l1", "huber", "cauchy" against outliers.
         start: start values that replace those that are found from the data (:attr:`FitResult.start`). Where they lead
             to a fit that does not explain the data, it is tried without them; the better of the two is the result.
@@ -117,7 +117,7 @@ def fit(
         known={name: tuple(v) if isinstance(v, list) else v for name, v in (known or {}).items()},
         bounds={name: _numbers(pair) for name, pair in (bounds or {}).items()},
         priors=priors or {},
-        per=per or {},
+        per=each_of(model, per or {}, known or {}),
         start=start or {},
         loss=loss,
         phase_offsets=phase_offsets,
@@ -305,7 +305,11 @@ def closed_form(
     if model.no_closed_form:
         raise ClosedFormError(model.no_closed_form)
     settings = FitSettings(
-        known=known or {}, per=per or {}, baseline=dry_run(baseline), stator_mass_kg=stator_mass_kg, causes=None
+        known=known or {},
+        per=each_of(model, per or {}, known or {}),
+        baseline=dry_run(baseline),
+        stator_mass_kg=stator_mass_kg,
+        causes=None,
     )
     several = runs_apart(as_tuple(experiments))
     problem = build_problem(model, several, settings)

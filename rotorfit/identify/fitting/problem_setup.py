@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -203,6 +204,28 @@ def make_priors(space: ParameterSpace, priors: Mapping[str, Any]) -> tuple[Prior
                 )
         result += [Prior(i, distribution) for i in entries]
     return tuple(result)
+
+
+def each_of(
+    model: RotorModel, per: Mapping[str, str], known: Mapping[str, float | tuple[float, float] | None]
+) -> Mapping[str, str]:
+    """Parameters that take one value for each value of an attribute; ``K*`` is every one that begins so and is fitted.
+
+    Raises:
+        KeyError: none does.
+    """
+    check_model(model)
+    found: dict[str, str] = {}
+    for name, attribute in per.items():
+        names = [name]
+        if "*" in name:
+            fitted = [one.name for one in model.parameters if known.get(one.name, one.default) is None]
+            names = fnmatch.filter(fitted, name)
+            if not names:
+                there = ", ".join(fitted) or "none"
+                raise KeyError(f"per: no fitted parameter of {model.name} is like {name!r}; there are {there}")
+        found |= dict.fromkeys(names, attribute)
+    return found
 
 
 def group_rows(

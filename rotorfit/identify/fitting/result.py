@@ -16,7 +16,6 @@ from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
 from rotorfit.base.chance import Seed, seed_of
 from rotorfit.base.digits import significant
-from rotorfit.base.executors import executor_of
 from rotorfit.base.names import unknown_name
 from rotorfit.base.units import in_rad_s
 from rotorfit.estimators.blocks.correlated import freedom_of
@@ -553,12 +552,11 @@ class FitResult:
         points: int = 21,
         at: Mapping[str, Any] | None = None,
         executor: Executor | None = None,
-        client: Any = None,
     ) -> tuple[Profile, ...]:
         """Profiles of several quantities, found together; see :func:`rotorfit.identify.uncertainty.profile.profiles`.
 
         ``names`` are by default those of every fitted parameter; ``level``, ``points`` and ``at`` as for
-        :meth:`profile`, ``executor`` and ``client`` as for :meth:`bootstrap`.
+        :meth:`profile`, ``executor`` as for :meth:`bootstrap`.
 
         Example:
             >>> lam, D = fit.profiles(["lam", "D"])
@@ -567,7 +565,7 @@ class FitResult:
         """
         from rotorfit.identify.uncertainty.profile import profiles
 
-        return profiles(self, names, level=level, points=points, at=at, executor=executor_of(executor, client))
+        return profiles(self, names, level=level, points=points, at=at, executor=executor)
 
     def predict(
         self, frequency: ArrayLike | None = None, speed: ArrayLike | None = None, **options: Unpack[PredictKeywords]
@@ -691,7 +689,6 @@ class FitResult:
         seed: Seed = None,
         accelerate: bool | None = None,
         executor: Executor | None = None,
-        client: Any = None,
     ) -> Bootstrap:
         """Fits of data simulated from this one and their spread; see rotorfit.identify.uncertainty.bootstrap.bootstrap.
 
@@ -700,9 +697,8 @@ class FitResult:
             rng: of random numbers, a generator or its seed, 0 by default.
             seed: the same.
             accelerate: with compiled kernels; by default where numba is installed.
-            executor: any ``concurrent.futures`` executor, also Dask's ``client.get_executor()``, that fits beside each
-                other: for nonlinear rotors, of which one fit takes long.
-            client: a Dask client, in place of its executor.
+            executor: any ``concurrent.futures`` executor, also Dask's ``client.get_executor(pure=False)``, that fits
+                beside each other: for nonlinear rotors, of which one fit takes long.
 
         Example:
             >>> low, high = fit.bootstrap(n=20, seed=1).interval("lam")
@@ -711,8 +707,7 @@ class FitResult:
         """
         from rotorfit.identify.uncertainty.bootstrap import bootstrap
 
-        there = executor_of(executor, client)
-        return bootstrap(self, n=n, seed=seed_of(rng, seed, 0), accelerate=accelerate, executor=there)
+        return bootstrap(self, n=n, seed=seed_of(rng, seed, 0), accelerate=accelerate, executor=executor)
 
     def budget(self) -> Budget:
         """What the error of each result is made of: noise, causes found from the data, and sizes on trust, by cause.

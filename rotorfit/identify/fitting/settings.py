@@ -63,7 +63,7 @@ class FitOptions:
     start: Mapping[str, float] = option({}, "start value instead of the one that is found", "NAME=VALUE")
     per: Mapping[str, str] = option(
         {},
-        "one value for each value of a test attribute, or of several together: D=speed_rpm, D=speed_rpm+pressure_bar",
+        "one value for each value of a test attribute, or of several together: D=speed_rpm, K*=speed_rpm+pressure_bar",
         "NAME=ATTRIBUTE",
     )
     loss: Loss = option("linear", "linear, or soft_l1, huber, cauchy against outliers", "NAME")

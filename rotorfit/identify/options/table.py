@@ -43,6 +43,11 @@ class StudyOptions(FitOptions):
     orthotropic: tuple[str, ...] = option((), "planes whose supports differ in two directions", "A,B")
     law: str = option("", "law of eccentricity: muszynska, even-polynomial, ...", "NAME")
     clearance_um: float | None = option(None, "radial clearance at the fluid, for a law", "UM")
+    laws: tuple[str, ...] = option(
+        (),
+        "laws of eccentricity to rank by AIC and BIC, the best one is fitted: muszynska,collapse; or all",
+        "A,B",
+    )
     probes: Mapping[str, Mapping[str, float]] = option(
         {}, "probe between planes, as shares of their motion; its factor beta can be freed", "NAME=0.6*disk+0.4*journal"
     )
@@ -100,11 +105,10 @@ SHAFT = ("structure", "fluid", "supports", "magnetic", "damping", "dofs")
 MODEL = (*SHAFT, "planes", "blocks", "two_lam", "orthotropic", "probes")
 LAW = ("law", "clearance_um")
 PARAMETERS = ("known", "bounds", "priors", "start")
+SEARCH = ("bounds", "priors", "start", "loss", "method", "max_iterations")
 UNCERTAINTY = ("calibration", "causes", "profile", "bootstrap", "sample", "seed", "ess", "max_steps")
 CAMPAIGN = (*MODEL, *PARAMETERS, "loss")
 """Options of ``rotorfit campaign``: what is neither known nor shared has a value of its own for each run."""
-LAW_RANKING = (*MODEL, *PARAMETERS, "per", "loss", "phase_offsets")
-"""Options of ``rotorfit compare-laws``, which goes through the laws itself."""
 
 
 def command_words(settings: Mapping[str, Any]) -> list[str] | None:

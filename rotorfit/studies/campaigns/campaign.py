@@ -16,7 +16,7 @@ from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
 from rotorfit.base.atomic_file import whole_file
 from rotorfit.base.digits import plus_minus, significant
-from rotorfit.base.executors import Kept, executor_of
+from rotorfit.base.executors import Kept
 from rotorfit.base.names import unknown_name
 from rotorfit.base.text_table import Printed, Wide, text_table
 from rotorfit.estimators.misfit.parameter_space import parameter_space
@@ -303,7 +303,6 @@ def campaign(
     loss: Loss = "linear",
     start: Mapping[str, float] | None = None,
     executor: Executor | None = None,
-    client: Any = None,
     store: Kept | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Campaign:
@@ -318,10 +317,9 @@ def campaign(
         split: attribute that tells the runs apart; ``None`` takes each experiment for one run.
         shared: parameters with one value for all runs, fitted jointly with the others.
         known, bounds, priors, loss, start: as for :func:`rotorfit.fit`.
-        executor: any ``concurrent.futures`` executor, also Dask's ``client.get_executor()``; by default the runs are
-            fitted one after the other in this process. A run whose worker is lost is fitted again, and when no worker
-            has answered for five minutes the rest is fitted here.
-        client: a Dask client, in place of its executor.
+        executor: any ``concurrent.futures`` executor, also Dask's ``client.get_executor(pure=False)``; by default the
+            runs are fitted one after the other in this process. A run whose worker is lost is fitted again, and when no
+            worker has answered for five minutes the rest is fitted here.
         store: a :class:`rotorfit.Store` where fits are kept as they come: a campaign that was stopped or killed takes
             up where it was when it is begun again.
         progress: called with the number of runs done and the number of all, once for each pass over the runs.
@@ -343,9 +341,8 @@ def campaign(
     start = dict(start or {})
     names = (shared,) if isinstance(shared, str) else tuple(shared)
     _check(model, settings, names, start)
-    there = executor_of(executor, client)
-    runs = _runs(experiments, split, there)
-    workers = Workers(model, there, progress, store)
+    runs = _runs(experiments, split, executor)
+    workers = Workers(model, executor, progress, store)
     params: Mapping[str, FittedParameter] = {}
     covar, settled = np.empty((0, 0)), True
     if names:

@@ -16,7 +16,7 @@ from rotorfit.base.chance import Seed, seed_of
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.inference.optimal_shares import Lines
 from rotorfit.identify.fitting.causes.calibration import Calibration
-from rotorfit.identify.fitting.problem_setup import as_tuple
+from rotorfit.identify.fitting.problem_setup import as_tuple, each_of
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import FitSettings, PhaseOffsets
 from rotorfit.identify.uncertainty.posterior import Posterior
@@ -116,7 +116,7 @@ def plan(
     settings = FitSettings(
         known=known or {},
         priors=priors or {},
-        per=per or {},
+        per=each_of(model, per or {}, known or {}),
         phase_offsets=phase_offsets,
         calibration=calibration,
         causes=None if causes is None else dict(causes),

@@ -13,11 +13,10 @@ from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
 from operator import attrgetter
-from typing import Any
 
 import numpy as np
 
-from rotorfit.base.executors import carry_out, executor_of
+from rotorfit.base.executors import carry_out
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.findings import PHASE_DATUM, DataWarning, Finding, level_of_caller, listed
@@ -46,7 +45,6 @@ def responses(
     turns: int | None = None,
     where: Mapping[str, Wanted] | None = None,
     executor: Executor | None = None,
-    client: Any = None,
     on_finding: Report | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> PerturbationTest:
@@ -65,9 +63,9 @@ def responses(
         turns: track by windows of so many whole turns of the drive instead; for slow sweeps and rotors that are not
             linear. A sweep makes such vectors lag behind.
         where: responses to keep, ``{"frequency_hz": (60, 240)}``, as of :func:`rotorfit.read`.
-        executor: any ``concurrent.futures`` executor, also Dask's ``client.get_executor()``, that reduces recordings
-            beside each other; by default one after the other in this process. What a lost worker had is done again.
-        client: a Dask client, in place of its executor.
+        executor: any ``concurrent.futures`` executor, also Dask's ``client.get_executor(pure=False)``, that reduces
+            recordings beside each other; by default one after the other in this process. What a lost worker had is done
+            again.
         on_finding: called with each thing that was found odd or that limits what the recordings say, for instance
             ``print``; what was found while reading is in ``record.findings``. By default errors are warned of, those
             in ``record.findings`` too.
@@ -88,9 +86,11 @@ def responses(
         (('volts_journal-fwd', 'volts_journal-bwd'), ('disk', 'journal'))
     """
     listed = named_apart(records)
-    there, silent = executor_of(executor, client), on_finding is None
+    silent = on_finding is None
     report = on_finding or _warn_of_error
-    test = checked_responses(listed, turns=turns, executor=there, on_finding=report, progress=progress, checked=silent)
+    test = checked_responses(
+        listed, turns=turns, executor=executor, on_finding=report, progress=progress, checked=silent
+    )
     return selected(test, where=where)
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from itertools import pairwise
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from rotorfit.base.array_types import Bool, ComplexArray, Float
 from rotorfit.base.digits import significant
-from rotorfit.base.executors import carry_out, executor_of
+from rotorfit.base.executors import carry_out
 from rotorfit.base.names import unknown_name
 from rotorfit.lab.data.findings import Finding, listed
 from rotorfit.lab.data.ring_down import ring_down_test
@@ -163,7 +163,6 @@ def ring_downs(
     highest_hz: float | None = None,
     position: complex | None = None,
     executor: Executor | None = None,
-    client: Any = None,
 ) -> RingDownTest:
     """Records of free vibration after each blow or release, for fits and :func:`rotorfit.ring_down_modes`.
 
@@ -176,7 +175,7 @@ def ring_downs(
         highest_hz: frequency above which nothing is of interest, by default that of ``[impulse]``, or 200.
         position: where the journal rests, ``x + jy`` from the bearing's centre, m; by default what gap voltages tell
             where the setup says ``centre_V`` of the probes, else the centre.
-        executor, client: read recordings beside each other, see :func:`rotorfit.responses`.
+        executor: reads recordings beside each other, see :func:`rotorfit.responses`.
 
     Raises:
         ValueError: no blow stands out, no such plane, or a plane with one probe.
@@ -196,7 +195,7 @@ def ring_downs(
         said = None if record.rig.impulse is None else record.rig.impulse.highest
         highest = HIGHEST_HZ if said is None else said / (2 * np.pi)
         jobs.append((record, _plane(record, plane), highest if highest_hz is None else highest_hz))
-    reduced = carry_out(_reduced, jobs, executor_of(executor, client))
+    reduced = carry_out(_reduced, jobs, executor)
     for (record, _, _), (mean, blows) in zip(jobs, reduced, strict=True):
         for number, (speed, time, z, settled) in enumerate(blows, start=1):
             at = z + (position if position is not None else 0.0 if mean is None else mean + settled)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.digits import significant
-from rotorfit.base.executors import carry_out, executor_of
+from rotorfit.base.executors import carry_out
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.lab.data.findings import Finding
 from rotorfit.lab.kinds.static_test import StaticTest
@@ -40,7 +40,6 @@ def static_positions(
     records: Sequence[Recording] | Recording,
     *,
     executor: Executor | None = None,
-    client: Any = None,
     on_finding: Report | None = None,
 ) -> StaticTest:
     """Positions of a shaft under constant loads, from the mean voltages of its probes, for fits.
@@ -55,7 +54,7 @@ def static_positions(
 
     Args:
         records: of one rig, DC-coupled, with their loads in ``[load]``.
-        executor, client: read recordings beside each other, see :func:`rotorfit.responses`.
+        executor: reads recordings beside each other, see :func:`rotorfit.responses`.
         on_finding: called with each thing that was found odd.
 
     Raises:
@@ -77,7 +76,7 @@ def static_positions(
     for record in listed:
         record.need_displacements("a static position")
         load_of(record)
-    reduced = carry_out(rest_positions, listed, executor_of(executor, client))
+    reduced = carry_out(rest_positions, listed, executor)
     for record, (found, left_out) in zip(listed, reduced, strict=True):
         rests += [replace(rest, record=record) for rest in found]
         for why in left_out:
