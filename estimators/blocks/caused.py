@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -26,6 +27,10 @@ class CausedResponses(OnResponses):
     way: Float  # share of the way by which it is, shape ``(R,)``
     moved: ComplexArray  # motion beside the rotor's, in units of its readings, shape ``(R,)``
     gain: ComplexArray  # factor of each reading, shape ``(R,)``
+    _seen: Any = field(
+        default=None, init=False
+    )  # parameter vectors that predictions were last asked for, and what probes without causes read
+    _seen_jacobian: Any = field(default=None, init=False)  # likewise of derivatives
 
     @property
     def linear(self) -> Responses:
@@ -70,16 +75,29 @@ class CausedResponses(OnResponses):
         """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
         return replace(self, speed=self.speed * factor)
 
+    def with_readings(self, *, moved: ComplexArray, gain: ComplexArray) -> CausedResponses:
+        """The same with other motion beside the rotor's and other factors; what was worked out of the rotor goes
+        along."""
+        found = copy(self)
+        object.__setattr__(found, "moved", moved)
+        object.__setattr__(found, "gain", gain)
+        return found
+
     def predict(self, theta: Float) -> ComplexArray:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`."""
-        values = self.values(theta)
-        return np.asarray((self._between(self.seen.predict(values), values) + self.moved) * self.gain)
+        if self._seen is None or not np.array_equal(self._seen[0], theta):  # of the curve of a probe, and of residuals
+            values = self.values(theta)
+            object.__setattr__(self, "_seen", (theta, self._between(self.seen.predict(values), values)))
+        return np.asarray((self._seen[1] + self.moved) * self.gain)
 
     def by_values(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
         """Predictions, and their derivatives by the values of each reading's own group, shape ``(R, P)``."""
-        values = self.values(theta)
-        found, rows = self.seen.predict_jacobian(values)
-        return (self._between(found, values) + self.moved) * self.gain, self._between(rows, values) * self.gain[:, None]
+        if self._seen_jacobian is None or not np.array_equal(self._seen_jacobian[0], theta):  # of columns, and of a fit
+            values = self.values(theta)
+            seen, rows = (self._between(part, values) for part in self.seen.predict_jacobian(values))
+            object.__setattr__(self, "_seen_jacobian", (theta, seen, rows))
+        _, seen, rows = self._seen_jacobian
+        return (seen + self.moved) * self.gain, rows * self.gain[:, None]
 
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict_jacobian`."""

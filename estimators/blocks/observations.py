@@ -307,7 +307,7 @@ class Responses(Observed):
         """Where a reading is the conjugate of what probes gave: backward, with x and y as one complex coordinate."""
         return (self.frequency[self.line] < 0) & (self.model.frame == "z")
 
-    @property
+    @cached_property
     def by_phase(self) -> ComplexArray:
         """Derivative of the logarithm of each reading by a lead of what probes gave."""
         return np.where(self.conjugated, -1j, 1j)
@@ -345,6 +345,17 @@ class Responses(Observed):
     def s(self) -> ComplexArray:
         """The variable j w of each line, |w| in models with x and y apart."""
         return np.asarray(1j * (self.frequency if self.model.frame == "z" else np.abs(self.frequency)))
+
+    @cached_property
+    def s_read(self) -> ComplexArray:
+        """The same of each reading."""
+        return self.s[self.line]
+
+    @cached_property
+    def read_at(self) -> dict[str, Bool]:
+        """Which readings are of each plane."""
+        planes = np.array([c.plane for c in self.model.coordinates])[self.coordinate]
+        return {plane: planes == plane for plane in self.model.read_planes}
 
     @cached_property
     def s_powers(self) -> ComplexArray:

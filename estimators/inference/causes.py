@@ -61,6 +61,17 @@ class Motion:
         return np.asarray(np.einsum("lij,lj->li", self.receptance, force))
 
     @cached_property
+    def right(self) -> ComplexArray:
+        """Motion of all coordinates at each reading, shape ``(n, R)``."""
+        base = self.linear
+        return np.zeros((0, 0), dtype=complex) if base is None else self.planes.T[:, base.line]
+
+    @cached_property
+    def left(self) -> ComplexArray:
+        """What each reading is of a unit force at all coordinates, shape ``(n, R)``."""
+        return np.array([self.read(column) for column in np.moveaxis(self.receptance, -1, 0)])
+
+    @cached_property
     def gain(self) -> ComplexArray:
         """Factor of each reading by its probe and by causes, shape ``(R,)``."""
         if self.linear is None:
@@ -131,28 +142,27 @@ class OfReadings(Act):
         base = motion.base
         if base is None:
             return None
-        w = base.frequency[base.line]
-        turning, s = w != 0, base.s[base.line]
+        s = base.s_read
         match self.how:
             case "gain":
-                factor = np.ones(w.size, dtype=complex)
+                factor = np.ones(s.size, dtype=complex)
             case "phase":
-                factor = np.where(turning, base.by_phase, 0.0)
+                factor = np.where(s != 0, base.by_phase, 0.0)
             case "turned":
-                factor = np.full(w.size, 1j)
+                factor = np.full(s.size, 1j)
             case "delay":
                 factor = -s
             case "clock":
-                factor = -s * (np.abs(w) - self.middle) / self.half
+                factor = -s * (np.abs(s.imag) - self.middle) / self.half
             case "high-pass":
-                factor = np.where(turning, -1 / np.where(turning, s, 1.0), 0.0)
+                factor = np.where(s != 0, -1 / np.where(s != 0, s, 1.0), 0.0)
             case _:  # the curve of a probe
-                size = np.where(self._own(base), np.abs(motion.predicted), 0.0)
+                size = np.abs(motion.predicted) * self._own(base)
                 factor = (size / max(float(size.max(initial=0.0)), 1e-300)) ** 2 + 0j
-        return np.where(self._own(base), factor, 0.0)
+        return np.asarray(factor * self._own(base))
 
-    def _own(self, base: Responses) -> Bool:
-        return np.array([self.plane in ("", c.plane) for c in base.model.coordinates])[base.coordinate]
+    def _own(self, base: Responses) -> Bool | float:
+        return base.read_at[self.plane] if self.plane else 1.0
 
     def change(self, motion: Motion) -> ComplexArray:
         """See :class:`Act`."""
@@ -193,11 +203,8 @@ class OfRotor(Act):
         base = motion.linear
         if base is None:
             return np.zeros(motion.block.measured.size, dtype=complex)
-        factor, z = self.factor(base, motion.values), motion.planes
-        pressed = np.zeros_like(z)
-        for i, j, weight in self.entries:
-            pressed[:, i] += weight * factor * z[:, j]
-        return motion.read(-np.einsum("lij,lj->li", motion.receptance, pressed))
+        moved = sum((weight * motion.left[i] * motion.right[j] for i, j, weight in self.entries), 0j)
+        return np.asarray(-self.factor(base, motion.values)[base.line] * moved)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -480,11 +487,10 @@ def block_with_causes(block: Block, theta: Float, causes: Sequence[Cause], sizes
             own = base.coordinate == act.at
             towards[own], way[own] = act.towards, size
     found = replace(found, force=force, stiffness=stiffness, towards=towards, way=way)
-    moving = Motion(block=found, theta=theta)
-    found = replace(found, moved=moving.read(beside))
+    found = found.with_readings(moved=Motion(block=found, theta=theta).read(beside), gain=found.gain)
     moving = Motion(block=found, theta=theta)
     logarithms = [size * part for act, size in acting if (part := act.of_readings(moving)) is not None]
-    return replace(found, gain=np.exp(np.sum(logarithms, axis=0))) if logarithms else found
+    return found.with_readings(moved=found.moved, gain=np.exp(np.sum(logarithms, axis=0))) if logarithms else found
 
 
 def _values_with(block: Responses, acting: Sequence[tuple[Act, float]]) -> CausedResponses:

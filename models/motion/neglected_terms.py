@@ -104,18 +104,24 @@ def fluid_coordinates(model: RotorModel) -> list[int]:
     return sorted(_damping_coordinates(model)[0])
 
 
+def dampings(model: RotorModel) -> dict[int, tuple[str, ...]]:
+    """Names of the parameters that damp each coordinate by themselves, as far as any does."""
+    functions, names = model.functions, model.parameter_names
+    own = (functions.powers == 1) & (functions.rows == functions.columns) & (functions.inputs < len(names))
+    found: dict[int, tuple[str, ...]] = {}
+    for row, place in zip(functions.rows[own].tolist(), functions.inputs[own].tolist(), strict=True):
+        found[row] = (*found.get(row, ()), names[place])
+    return found
+
+
 def _damping_coordinates(model: RotorModel) -> tuple[set[int], set[int]]:
     """Coordinates at which fluid damping D acts, and those with external damping."""
-    names = model.parameter_names
     own = {f"D{ending}" for ending in fluid_endings(model)}
-    if not own <= set(names):
+    if not own <= set(model.parameter_names):
         return set(), set()
-    jacobian = model.functions.jacobian(model.vector({q.name: 1.0 for q in model.parameters}), 1.0, 0.0)
-    damping = (jacobian.powers == 1) & (jacobian.rows == jacobian.columns)
-    at = {name: set(jacobian.rows[damping & (jacobian.inputs == k)].tolist()) for k, name in enumerate(names)}
-    return set().union(*(at[name] for name in own)), set().union(
-        *(rows for name, rows in at.items() if name.startswith("Ds"))
-    )
+    at = dampings(model).items()
+    external = {i for i, damping in at if any(name.startswith("Ds") for name in damping)}
+    return {i for i, damping in at if own & set(damping)}, external
 
 
 def onset_shift(model: RotorModel, theta: Float, onset: Threshold, term: LeftOut) -> float:

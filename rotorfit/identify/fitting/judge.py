@@ -24,7 +24,7 @@ from rotorfit.estimators.misfit.problem import Derivatives, Problem, robust_weig
 from rotorfit.estimators.starting.closed_form import ClosedForm
 from rotorfit.estimators.starting.start_points import Start
 from rotorfit.identify.fitting.causes.solution import JointSearch, SolvedCauses, shifted
-from rotorfit.identify.fitting.causes.table import table_of
+from rotorfit.identify.fitting.causes.table import size_warnings
 from rotorfit.identify.fitting.noise.error_bars import shares_of_possible_effects, with_scatter, with_shares
 from rotorfit.identify.fitting.noise.record import is_run_effect
 from rotorfit.identify.fitting.noise.residual_study import (
@@ -88,7 +88,7 @@ def judge(
     alone = bad_lines(plain, begin, MODEL_LIMITED_REDCHI) if redchi > MODEL_LIMITED_REDCHI else None
     rescaled = bool(settings.noise_scale)
     notices = [*notes, *fit_warnings(problem, x, redchi, params, verdict, rescaled, noise, alone)]
-    notices += [_warning("cause-size", text) for text in table_of(causes).warnings]
+    notices += [_warning("cause-size", text) for text in size_warnings(causes)]
     if redchi <= max(largest_redchi(noise, nfree, noise_known_from(problem)), MODEL_LIMITED_REDCHI):
         notices += [_warning("impossible-value", text) for text in impossible(plain, begin, params)]
     success, method, message, evaluations = True, "closed form", "closed form, no iteration", 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -32,7 +33,7 @@ from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.identify.fitting.causes.calibration import Calibration, sizes_of
 from rotorfit.identify.fitting.causes.sizes import SIZES, Size
 from rotorfit.models import RotorModel
-from rotorfit.models.motion.neglected_terms import LeftOut, fluid_coordinates, fluid_endings, terms_left_out
+from rotorfit.models.motion.neglected_terms import LeftOut, dampings, fluid_coordinates, fluid_endings, terms_left_out
 
 _FLUID = {"lam": ("lam", "lam_D", "lam_M"), "K0": ("K0",), "D": ("D",)}
 _OF_FLUID = ("K0", "D", "lam", "lam_D", "lam_M", "Mf")
@@ -56,7 +57,7 @@ def listed(
     if not problem.space.model.has_causes:
         return ()
     rig = _Rig.of(problem, x, frozenset(given))
-    found = [_named(cause) for cause in rig.causes()]
+    found = list(rig.causes())
     if calibration is not None:
         sizes = sizes_of(calibration, rig.probes)
         if len(rig.probes) == 1 and (own := sizes.pop(f"gain[{next(iter(rig.probes))}]", 0.0)):
@@ -84,11 +85,6 @@ def probe_factors(model: RotorModel) -> dict[str, str]:
     names = {plane: f"beta{number}" for number, plane in enumerate(model.read_planes, 1)}
     possible = "betas" in model.options()
     return {plane: name for plane, name in names.items() if possible or name in model.parameter_names}
-
-
-def _named(cause: Cause) -> Cause:
-    """A cause with a size that is a plain number."""
-    return replace(cause, size=float(cause.size))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -128,7 +124,7 @@ class _Rig:
             given=given,
         )
 
-    @property
+    @cached_property
     def probes(self) -> dict[str, tuple[str, ...]]:
         """Directions of the probes of each plane that is read; a response without one is the mean of x and y."""
         found: dict[str, dict[str, None]] = {}
@@ -140,14 +136,14 @@ class _Rig:
                 found.setdefault(place.plane, {}).update(dict.fromkeys("xy" if pair else place.axis))
         return {plane: tuple(axes) for plane, axes in found.items()}
 
-    @property
+    @cached_property
     def _sweep(self) -> tuple[float, float]:
         """Middle and half width of the frequencies that turn, rad/s."""
         w = np.abs(np.concatenate([b.frequency for b in self.blocks]))
         w = w[w > 0]
         return (float(w.max() + w.min()) / 2, float(w.max() - w.min()) / 2) if w.size else (0.0, 0.0)
 
-    @property
+    @cached_property
     def turning(self) -> bool:
         """True for rotors in z = x + jy, whose causes act on the rotor too."""
         return self.model.frame == "z" and all(c.axis == "z" for c in self.model.coordinates) and bool(self.linear)
@@ -191,19 +187,14 @@ class _Rig:
         """True for a known damping at a plane that an external damper there stands for, unless its error is given."""
         return self.turning and name not in self.given and any(name in own for own in self._damping.values())
 
-    @property
+    @cached_property
     def _damping(self) -> dict[int, tuple[str, ...]]:
         """Names of the external dampings at each coordinate."""
         model = self.model
-        jacobian = model.functions.jacobian(model.vector({q.name: 1.0 for q in model.parameters}), 1.0, 0.0)
-        own = (jacobian.powers == 1) & (jacobian.rows == jacobian.columns)
         blocks = {p.name for p in model.parameters if p.name[:1] in "gc" and p.unit in ("kg", "N s/m")}
-        found: dict[int, tuple[str, ...]] = {}
-        for row, place in zip(jacobian.rows[own].tolist(), jacobian.inputs[own].tolist(), strict=True):
-            name = model.parameter_names[place] if place < len(model.parameter_names) else ""
-            if name and name not in _of_fluid(model) and name not in blocks and model.parameter(name).unit == "N s/m":
-                found[row] = (*found.get(row, ()), name)
-        return found
+        others = blocks | _of_fluid(model) | {p.name for p in model.parameters if p.unit != "N s/m"}
+        at = {row: tuple(name for name in names if name not in others) for row, names in dampings(model).items()}
+        return {row: names for row, names in at.items() if names}
 
     # ---- readings --------------------------------------------------------------------------------------------------
 
@@ -223,7 +214,7 @@ class _Rig:
             if not self._free_probe(plane):
                 act = OfReadings(how="gain", plane=plane)
                 one = _cause(f"gain[{plane}]", f"gain of the probes at {plane}", act, SIZES["gain[plane]"])
-                yield replace(one, parameter=probe_factors(self.model).get(plane, ""))
+                yield replace(one, parameter=self._factors.get(plane, ""))
         yield _cause(
             "turned",
             "angle of the probes, from the zero of the force",
@@ -247,9 +238,14 @@ class _Rig:
             act = OfReadings(how="phase", plane=plane)
             yield _cause(f"lead[{plane}]", f"lead of the probes at {plane}", act, SIZES["lead"], unit="rad")
 
+    @cached_property
+    def _factors(self) -> dict[str, str]:
+        """See :func:`probe_factors`."""
+        return probe_factors(self.model)
+
     def _free_probe(self, plane: str) -> bool:
         """True if the factor of the probe of a plane is fitted."""
-        return probe_factors(self.model).get(plane, "") in self.fitted
+        return self._factors.get(plane, "") in self.fitted
 
     # ---- the rotor -------------------------------------------------------------------------------------------------
 
@@ -387,7 +383,7 @@ class _Rig:
                 meaning = f"{what} at {planes[at]} off its plane, share of the way to {planes[towards]}"
                 yield _cause(f"{what}[{planes[at]}]", meaning, act, SIZES["offset"])
 
-    @property
+    @cached_property
     def _driven(self) -> set[int]:
         return {int(k) for b in self.linear for k in np.flatnonzero(b.force.any(axis=0))}
 
@@ -420,7 +416,7 @@ def _cause(
         name=name,
         meaning=meaning,
         unit=unit,
-        size=usual.size * times,
+        size=float(usual.size * times),
         act=act,
         one_sided=positive,
         reason=usual.reason,

@@ -117,17 +117,6 @@ class Causes(Printed):
         found = () if self.unexplained else (row for row in self.rows if row.found)
         return tuple(sorted(found, key=lambda row: -abs(row.score)))
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What the causes ask a reader to know."""
-        told = []
-        held = [name for name in self.raised if not self.unexplained]
-        if held:
-            told.append(f"the size of {', '.join(held)} was too small for what the data show, and was raised to it")
-        if self.factor > 1:
-            told.append(f"the sizes of causes were too small as a whole; all were raised {self.factor:.2g} times")
-        return tuple(told)
-
     def to_dataframe(self) -> DataFrame:
         """A row each; pandas is imported for it."""
         from pandas import DataFrame
@@ -143,6 +132,19 @@ class Causes(Printed):
             sizes = (significant(row.size, 2), two_digits(row.value), two_digits(row.stderr))
             rows.append([row.name, *sizes, told, z, pull, "" if row.unit == "1" else row.unit, row.reason])
         return "\n".join(text_table(rows, "<22 >10 >10 >10 >6 >6 >6 <8 <1"))
+
+
+def size_warnings(solved: SolvedCauses | None) -> tuple[str, ...]:
+    """What the sizes of causes ask a reader to know."""
+    if solved is None:
+        return ()
+    told = []
+    if solved.raised and solved.errors.widened == 1:
+        raised = ", ".join(solved.raised)
+        told.append(f"the size of {raised} was too small for what the data show, and was raised to it")
+    if solved.factor > 1:
+        told.append(f"the sizes of causes were too small as a whole; all were raised {solved.factor:.2g} times")
+    return tuple(told)
 
 
 def noun_of(row: CauseRow) -> str:

@@ -31,7 +31,7 @@ from rotorfit.identify.fitting.noise.noise_fit import (
     weighing_sigma,
 )
 from rotorfit.identify.fitting.noise.record import FoundNoise, Miss, NoiseVerdict, ResponseNoise, RunEffect
-from rotorfit.identify.fitting.noise.residual_study import ResidualStudy
+from rotorfit.identify.fitting.noise.residual_study import MODEL_LIMITED_REDCHI, ResidualStudy
 
 NOISE_LIKE_REDCHI = 1.5
 """redchi up to which residuals have the size of the noise: the 95 % point of a variance estimated from ten lines."""
@@ -50,7 +50,8 @@ def study_residuals(problem: Problem, x: Float, beside: JointSearch | None = Non
     verdict = _verdict(fit, remembered, as_found=data.sigma_given or explains(fit, shapes))
     # A misfit may be noise of overlapping filters if its memory fades: that of smooth misfits does not.
     filtered = verdict is NoiseVerdict.MISFIT and remembered.fades
-    odd = odd_run(data.solved, data.J, data.prior, data.rows, data.sweeps)
+    limited = float(np.mean(np.abs(data.solved) ** 2)) / 2 > MODEL_LIMITED_REDCHI  # else none is spoken of
+    odd = odd_run(data.solved, data.J, data.prior, data.rows, data.sweeps) if limited else None
     own_shape = np.full(sigma.size, np.sqrt(max(1.0, fit.redchi))) if data.sigma_given else sigma / data.sigma
     if verdict is not NoiseVerdict.SHAPED:
         # Readings that effects of runs share are weighed by redchi, which no longer widens the covariance.
