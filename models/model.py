@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.names import unknown_name
-from rotorfit.base.text_table import text_table
+from rotorfit.base.text_table import Table, Tabled
 from rotorfit.models.coefficients import CoefficientJacobian, CompiledModel, Symbolic
 from rotorfit.models.complexes import Complex, Number
 from rotorfit.models.fluid import PlaneFluid
@@ -48,7 +48,7 @@ class Coordinate:
         return f"{self.plane}.{self.axis}"
 
 
-class RotorModel(ABC):
+class RotorModel(Tabled, ABC):
     """A rotor as polynomial dynamic stiffness, ``kappa(s) = sum_k C_k s^k`` with ``s = j w``.
 
     A model of your own needs ``name``, ``planes``, ``parameters`` and :meth:`equation`; one whose entries change with
@@ -475,12 +475,16 @@ class RotorModel(ABC):
 
     def describe(self) -> str:
         """Table of the parameters: name, unit, meaning, limits."""
-        rows = []
+        return str(self)
+
+    def parts(self) -> list[str | Table]:
+        """What is printed."""
+        rows = [["", "name", "unit", "meaning"]]
         for q in self.parameters:
             limits = "" if np.isinf([q.lower, q.upper]).all() else f"  [{q.lower:g}, {q.upper:g}]"
             default = "" if q.default is None else f"  known = {q.default:g} unless freed"
             rows.append(["", q.name, q.unit, f"{q.meaning}{limits}{default}"])
-        return "\n".join([f"{self.name}: planes {', '.join(self.planes)}", *text_table(rows, "<0 <7 <7 <1")])
+        return [f"{self.name}: planes {', '.join(self.planes)}", Table(rows, "<0 <7 <7 <1")]
 
 
 _PACKAGE = __name__.partition(".")[0]

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Iterable, Sequence
 from html import escape
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 
 class Printed:
@@ -48,6 +52,64 @@ def text_table(rows: Iterable[Sequence[str | Wide]], columns: str) -> list[str]:
             at += cell.columns
         lines.append(line.rstrip())
     return lines
+
+
+class Table(NamedTuple):
+    """Rows of a result's print, the head first, and their columns as of :func:`text_table`."""
+
+    rows: Sequence[Sequence[str | Wide]]
+    columns: str
+
+    def __str__(self) -> str:
+        return "\n".join(text_table(self.rows, self.columns))
+
+    @property
+    def frame(self) -> DataFrame:
+        """The cells as they are printed."""
+        from pandas import DataFrame
+
+        filled = [
+            [
+                text
+                for cell in row
+                for text in ((cell.text, *[""] * (cell.columns - 1)) if isinstance(cell, Wide) else (cell,))
+            ]
+            for row in self.rows
+        ]
+        width = max(map(len, filled))
+        head, *body = ([*row, *[""] * (width - len(row))] for row in filled)
+        return DataFrame(body, columns=head)
+
+
+class Tabled(Printed):
+    """A result whose print holds tables: a notebook shows them as such, and papers and web pages take them."""
+
+    @abstractmethod
+    def parts(self) -> Sequence[str | Table]:
+        """What is printed: sentences and tables, one below the other."""
+
+    def __str__(self) -> str:
+        return "\n".join(map(str, self.parts()))
+
+    def _repr_html_(self) -> str:
+        from pandas import option_context
+
+        with option_context("display.max_colwidth", None):
+            parts = [
+                part.frame.to_html(index=False, border=0) if isinstance(part, Table) else text_html(part)
+                for part in self.parts()
+            ]
+        return "".join(parts)
+
+    def to_latex(self) -> str:
+        """The printed tables for LaTeX, as pandas writes them, which needs Jinja2 (``rotorfit[tables]``)."""
+        tables = [p.frame.to_latex(index=False, escape=True) for p in self.parts() if isinstance(p, Table)]
+        return "\n".join(tables).replace(" +- ", r" $\pm$ ")
+
+    def to_markdown(self) -> str:
+        """The same for Markdown, which needs tabulate (``rotorfit[tables]``)."""
+        tables = [p.frame.to_markdown(index=False, disable_numparse=True) for p in self.parts() if isinstance(p, Table)]
+        return "\n\n".join(tables)
 
 
 def text_html(text: str) -> str:

@@ -37,7 +37,9 @@ def test_progress_is_reported(capsys):
     assert seen[-1].steps == post.settings.steps
     assert seen[-1].ess > 1000
     quick(fit, progress=True)
-    assert f"{post.settings.steps} steps" in capsys.readouterr().err
+    shown = capsys.readouterr().err
+    assert f"{post.settings.steps} steps" in shown
+    assert shown.endswith("\n")
 
 
 CHILD = """

@@ -58,6 +58,50 @@ def test_a_result_shows_its_parameters(fit: rf.FitResult) -> None:
     assert "threshold speed" in fit._repr_html_()
 
 
+def test_tables_of_a_print_are_tables_of_notebooks_papers_and_pages(fit: rf.FitResult) -> None:
+    """Each with the cells that are printed; what stands around a table is text."""
+    prediction = fit.predict([100.0, 200.0], 150.0, force_plane="disk")
+    results = (fit.model, fit.params, fit.modes(150.0), fit.natural_frequencies(150.0), prediction, fit.budget())
+    for result in (*results, fit.stability_report(max_speed_rpm=2000), fit.causes, rf.compare([fit])):
+        tables = [part for part in result.parts() if not isinstance(part, str)]
+        reader = Cells()
+        reader.feed(result._repr_html_())
+        words = " ".join(reader.cells).split()
+        cells = [cell for table in tables for row in (table.frame.columns, *table.frame.values) for cell in row]
+        assert words == " ".join(cells).split()
+        assert set(words) <= set(str(result).split())
+        assert result.to_latex().count("\\begin{tabular}") == len(tables)
+        assert result.to_markdown().count("|:-") >= len(tables)
+    latex = fit.params.to_latex()
+    assert " $\\pm$ " in latex
+    assert "N s/m" in latex
+    assert f"| {fit.params['D']} " in " ".join(fit.params.to_markdown().split())
+
+
+def test_natural_frequencies_are_pairs_and_a_table_with_intervals(fit: rf.FitResult) -> None:
+    found = fit.natural_frequencies(speed_rpm=1500)
+    table = found.to_dataframe()
+    for (frequency, damping), row in zip(found, table.to_dict("records"), strict=True):
+        assert (row["frequency_rad_s_low"], row["frequency_rad_s_high"]) == frequency.interval()
+        assert row["damping_ratio"] == damping.value
+        assert row["sense"] == ("backward" if frequency.value < 0 else "forward")
+    assert len(str(found).splitlines()) == len(found) + 1
+    modes = rf.fit(rf.models.TwoDisk(), rf.datasets.two_disk()).modes()
+    assert modes.to_dataframe()["mass_kg_low"][0] == modes[0].mass.interval()[0]
+
+
+def test_responses_as_xarray(fit: rf.FitResult) -> None:
+    rig = rf.datasets.rig_open()
+    data = rig.to_xarray()
+    journal = data.response[((data.plane == "journal") & (data.speed < 150)).values]
+    assert np.array_equal(journal, rig.response[(rig.plane == "journal") & (rig.speed < 150)])
+    assert data.response.units == "m or rad, 0-peak"
+    prediction = fit.predict([100.0, 200.0], 150.0, force_plane="disk", plane="journal")
+    found = prediction.to_xarray()
+    assert np.array_equal(found.response, prediction.response)
+    assert np.array_equal(found.amplitude.sel(limit="low"), prediction.band.amplitude[:, 0])
+
+
 def test_text_from_files_is_escaped() -> None:
     """Names of groups come from the data."""
     test = rf.datasets.rig_open()

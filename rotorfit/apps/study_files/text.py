@@ -33,7 +33,7 @@ def summary(outcome: Outcome, rig: str = "") -> str:
     if outcome.ranking is not None:
         parts.append(f"laws of eccentricity\n{outcome.ranking}")
     if outcome.refinement is not None:
-        parts.append("structural refinement\n" + outcome.refinement.table())
+        parts.append(f"structural refinement\n{outcome.refinement}")
     if best.settings.calibration is not None:
         parts.append(str(best.budget()))
     if outcome.profiles:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -44,6 +45,8 @@ from rotorfit.lab.data.joined import runs_apart
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.observing.clearance import usable
 from rotorfit.models import RotorModel
+
+_LOG = logging.getLogger(__name__)
 
 
 def fit(
@@ -190,6 +193,7 @@ def _or_from_data(
         f"the start that was given ({given}) leads to redchi {redchi}{minimum}, the one found from the data to {own}: "
         f"this is the fit from the data. Check the start values and their units{local}"
     )
+    _LOG.info("%s", note)
     problem, start, solution = free
     local_too = start.perhaps_local or bool(local)
     return problem, replace(start, notes=(note, *start.notes), perhaps_local=local_too), solution
@@ -203,6 +207,13 @@ def _solved(model: RotorModel, experiments: tuple[Experiment, ...], settings: Fi
         try:
             problem = build_problem(one, experiments, settings)
             start = find_start(problem, settings.start)
+            _LOG.info(
+                "%s: %d values to fit to %d data, starting from: %s",
+                one.name,
+                problem.space.size,
+                problem.n_data,
+                start.kind,
+            )
         except ValueError as reason:
             if not found or of_program(reason):
                 raise
@@ -239,6 +250,7 @@ def judged(
     at = problem if beside is None else beside.problem
     study = study_residuals(at, solution.x, beside) if studied else None
     if study is not None and study.found is not None:
+        _LOG.info("%s: solved again with the noise that its residuals show", problem.space.model.name)
         offsets, settings = settings.phase_offsets, replace(settings, noise=study.found)
         names, model = (*problem.space.names, *problem.space.nuisance), problem.space.model
         problem = build_problem(model, experiments, settings) if offsets else with_noise(problem, study.found)
@@ -256,7 +268,9 @@ def judged(
         beside = _beside(problem, solution, settings, beside)
     if beside is not None:
         problem, solution = beside.problem, replace(solution, x=beside.x)
-    return judge(problem, experiments, settings, start, solution, notes, study, beside)
+    found = judge(problem, experiments, settings, start, solution, notes, study, beside)
+    _LOG.info("%r", found)
+    return found
 
 
 def _beside(

@@ -18,7 +18,7 @@ from rotorfit.base.array_types import Float
 from rotorfit.base.digits import NOT_DETERMINED, significant, with_error, with_errors
 from rotorfit.base.names import unknown_name
 from rotorfit.base.significance import quantile
-from rotorfit.base.text_table import Printed, text_table
+from rotorfit.base.text_table import Printed, Table, Tabled
 from rotorfit.base.written_units import dimensions, product_unit, shown_unit, si_of
 from rotorfit.estimators.inference.joint_errors import JointErrors, Reach
 
@@ -526,15 +526,16 @@ def _units_of(source: Source, count: int) -> list[Any]:
     return _SHARED.setdefault(source, [ufloat(0.0, 1.0) for _ in range(count)])
 
 
-class Parameters(Printed, dict[str, FittedParameter]):
+class Parameters(Tabled, dict[str, FittedParameter]):
     """Parameters of a result by name."""
 
     def __missing__(self, name: str) -> FittedParameter:
         raise KeyError(unknown_name("parameter", str(name), self))
 
-    def __str__(self) -> str:
+    def parts(self) -> list[str | Table]:
+        """What is printed."""
         rows = [[name, str(p), p.meaning] for name, p in self.items()]
-        return "\n".join(text_table([["parameter", "value", "meaning"], *rows], "<9 <20 <1"))
+        return [Table([["parameter", "value", "meaning"], *rows], "<9 <20 <1")]
 
 
 def _unit_of(*factors: tuple[Number | float, float]) -> str:

@@ -58,7 +58,7 @@ if TYPE_CHECKING:
     from rotorfit.identify.fitting.anisotropy import TurningAnisotropy
     from rotorfit.identify.fitting.other_solutions import OtherSolution
     from rotorfit.identify.fitting.structure.coefficients import CoefficientRows, Coefficients, FrequencyRows
-    from rotorfit.identify.fitting.structure.modes import Modes, NaturalFrequency
+    from rotorfit.identify.fitting.structure.modes import Modes, NaturalFrequencies
     from rotorfit.identify.uncertainty.bootstrap import Bootstrap
     from rotorfit.identify.uncertainty.budget import Budget
     from rotorfit.identify.uncertainty.jackknife import Jackknife
@@ -450,8 +450,9 @@ class FitResult:
 
     def natural_frequencies(
         self, speed: float | None = None, at: Mapping[str, Any] | None = None, *, speed_rpm: float | None = None
-    ) -> list[NaturalFrequency]:
-        """Damped natural frequency (rad/s, signed) and damping ratio of each mode at a rotative speed.
+    ) -> NaturalFrequencies:
+        """Damped natural frequency (rad/s, signed) and damping ratio of each mode at a rotative speed, as named pairs
+        that know their sense; ``print`` shows a table with 95 % intervals.
 
         ``speed`` in rad/s, or ``speed_rpm``, is negative from y to x; ``at`` names a group of parameters, as for
         :meth:`group`.

@@ -151,7 +151,7 @@ class SamplerKeywords(TypedDict, total=False):
     ess: float
     max_steps: int
     noise: Noise | None
-    progress: bool | Callable[[SamplerProgress], None]
+    progress: bool | Callable[[SamplerProgress], None] | None
     moves: Sequence[tuple[Any, float]] | None
     accelerate: bool | None
 

@@ -15,7 +15,7 @@ from rotorfit.base.array_types import Bool, ComplexArray, Float
 from rotorfit.base.digits import interval, significant, with_error
 from rotorfit.base.executors import carry_out
 from rotorfit.base.names import unknown_name
-from rotorfit.base.text_table import Wide, text_table
+from rotorfit.base.text_table import Table, Wide
 from rotorfit.estimators.minimisation.batch import batch_fit
 from rotorfit.estimators.minimisation.least_squares import Options
 from rotorfit.estimators.misfit.problem import Problem
@@ -122,8 +122,8 @@ class Bootstrap(Draws):
         found = onsets_of(self.fit, theta, group, self.seed, sizes)
         return Derived(name="threshold speed", unit="rad/s", samples=found.speed, note=found.note)
 
-    def summary(self) -> str:
-        """Table of estimates, spreads and intervals beside the standard errors of the fit."""
+    def parts(self) -> list[str | Table]:
+        """What is printed: estimates, spreads and intervals beside the standard errors of the fit."""
         rows: list[list[str | Wide]] = [["parameter", "fit", "stderr", "bootstrap", "bias", "95 % interval", "unit"]]
         for name, spread in self.stderr.items():
             p = self.fit.params[name]
@@ -135,7 +135,7 @@ class Bootstrap(Draws):
             spreads = significant(spread, 2), significant(bias, 2)
             rows.append([name, *with_error(p.value, p.stderr), *spreads, interval(low, high), p.unit])
         head = f"parametric bootstrap: {len(self.samples)} simulated data sets, {self.failures} fits failed"
-        return "\n".join([head, *text_table(rows, "<22 >14 >12 >12 >12 >28 <1"), self.message])
+        return [head, Table(rows, "<22 >14 >12 >12 >12 >28 <1"), self.message]
 
 
 def bootstrap(

@@ -12,7 +12,7 @@ from rotorfit.base.array_types import Float
 from rotorfit.base.digits import two_digits, with_error
 from rotorfit.base.names import unknown_name
 from rotorfit.base.significance import quantile
-from rotorfit.base.text_table import Printed, text_table
+from rotorfit.base.text_table import Table, Tabled
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.fitting.causes.slopes import onset_slopes
 from rotorfit.identify.fitting.propagation import covariance_of
@@ -67,7 +67,7 @@ class BudgetRow:
 
 
 @dataclass(frozen=True, repr=False)
-class Budget(Printed):
+class Budget(Tabled):
     """Budget of a fit.
 
     Attributes:
@@ -105,14 +105,15 @@ class Budget(Printed):
             ]
         )
 
-    def __str__(self) -> str:
+    def parts(self) -> list[str | Table]:
+        """What is printed."""
         causes = self.main_causes
         lines = [["", "value", "+-", "noise", "bounded", *causes, "unit"]]
         for row in self.rows:
             shares = (row.noise, row.bounded, *(abs(row.on_trust.get(name, 0.0)) for name in causes))
             value, error = with_error(row.value, row.stderr)
             lines.append([row.name, value, error, *map(two_digits, shares), row.unit])
-        return "\n".join(text_table(lines, " ".join(["<18 >12 >10 >10 >10", *[">10"] * len(causes), "<1"])))
+        return [Table(lines, " ".join(["<18 >12 >10 >10 >10", *[">10"] * len(causes), "<1"]))]
 
 
 def budget_of(fit: FitResult) -> Budget:

@@ -11,7 +11,7 @@ import numpy as np
 from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
-from rotorfit.base.text_table import Printed, text_table
+from rotorfit.base.text_table import Table, Tabled
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.rows import Experiment
 
@@ -22,7 +22,7 @@ _ERRORS = "errors include causes beside the models; fit.params[name].noise is th
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Comparison(Printed):
+class Comparison(Tabled):
     """Fits of the same data, see :func:`compare`.
 
     Attributes:
@@ -60,7 +60,8 @@ class Comparison(Printed):
             rows.append(row)
         return DataFrame(rows)
 
-    def __str__(self) -> str:
+    def parts(self) -> list[str | Table]:
+        """What is printed."""
         best = min(fit.aic for fit in self.fits.values())
         rows = [["", *self.fits], ["fitted values", *(str(fit.nvarys) for fit in self.fits.values())]]
         rows.append(["redchi", *(significant(fit.redchi, 4) for fit in self.fits.values())])
@@ -69,10 +70,10 @@ class Comparison(Printed):
         for parameter in self.parameters:
             rows.append([parameter, *(_shown(fit, parameter) for fit in self.fits.values())])
         width = max(22, *(len(name) + 1 for name in self.fits))
-        text = text_table(rows, "<16 " + " ".join([f">{width}"] * len(self.fits)))
+        table = Table(rows, "<16 " + " ".join([f">{width}"] * len(self.fits)))
         failed = [name for name, fit in self.fits.items() if not fit.success]
         shares = [] if not any(fit.causes.rows for fit in self.fits.values()) else [_ERRORS]
-        return "\n".join([*text, *shares, *(f"{name} did not converge" for name in failed)])
+        return [table, *shares, *(f"{name} did not converge" for name in failed)]
 
 
 def compare(fits: FitResult | Sequence[FitResult] | Mapping[str, FitResult]) -> Comparison:

@@ -12,7 +12,7 @@ import numpy as np
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import interval, with_error
 from rotorfit.base.matching import matched
-from rotorfit.base.text_table import Printed
+from rotorfit.base.text_table import Printed, Tabled
 from rotorfit.identify.fitting.onset import is_extrapolated, onset_by_causes
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.models import RotorModel, eigenvalues
@@ -76,24 +76,21 @@ class Derived(Printed):
         return f"{text}; {self.note}" if self.note else text
 
 
-class Draws(Printed, ABC):
+class Draws(Tabled, ABC):
     """Draws of parameters: a posterior, an average of posteriors, a bootstrap."""
 
     @abstractmethod
     def parameter(self, name: str) -> Derived:
         """One parameter with its spread."""
 
-    @abstractmethod
     def summary(self) -> str:
         """Table for a terminal."""
+        return str(self)
 
     def interval(self, name: str, probability: float = 0.95) -> tuple[float, float]:
         """Central interval of one entry, equal shares of the rest on both sides."""
         low, high = self.parameter(name).interval(probability)
         return float(low), float(high)
-
-    def __str__(self) -> str:
-        return self.summary()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from rotorfit.base.array_types import ComplexArray
 from rotorfit.base.digits import significant, with_error
 from rotorfit.base.names import unknown_name
-from rotorfit.base.text_table import text_table
+from rotorfit.base.text_table import Table
 from rotorfit.base.units import in_rad_s
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import SamplerKeywords, check_keywords
@@ -136,8 +136,8 @@ class ModelAverage(Draws):
         notes = dict.fromkeys(part.note for part in parts if part.note)
         return Derived(name=parts[0].name, unit=parts[0].unit, samples=np.concatenate(chosen), note="; ".join(notes))
 
-    def summary(self) -> str:
-        """Table of the models with their weights and of the parameters that they share."""
+    def parts(self) -> list[str | Table]:
+        """What is printed: the models with their weights and of the parameters that they share."""
         from rotorfit.identify.fitting.structure.refine import structure_name
 
         models = [["model", "BIC", "weight", ""]]
@@ -151,7 +151,7 @@ class ModelAverage(Draws):
             low, high = d.interval(0.95)
             middle, *ends = (with_error(float(v), d.stderr)[0] for v in (d.value, low, high))
             rows.append([name, middle, significant(d.stderr, 2), *ends, d.unit])
-        return "\n".join([*text_table(models, "<58 >12 >9 <1"), "", *text_table(rows, "<22 >13 >10 >13 >13 <1")])
+        return [Table(models, "<58 >12 >9 <1"), "", Table(rows, "<22 >13 >10 >13 >13 <1")]
 
 
 def sample_models(fits: Sequence[FitResult], **options: Unpack[SamplerKeywords]) -> ModelAverage:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float, Index
 from rotorfit.base.names import unknown_name
+from rotorfit.base.text_table import Table
 from rotorfit.base.units import in_rad_s
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import JudgeKeywords, PredictKeywords, check_keywords
@@ -292,8 +293,8 @@ class Posterior(Draws):
 
     # ---- presentation and files, imported when asked for -------------------------------------------------------------
 
-    def summary(self) -> str:
-        """Table: mean, standard deviation, quantiles, split R-hat, effective samples, acceptance, convergence."""
+    def parts(self) -> list[str | Table]:
+        """What is printed: mean, standard deviation, quantiles, split R-hat, effective samples, convergence."""
         from rotorfit.identify.uncertainty.posterior_file import summary
 
         return summary(self)

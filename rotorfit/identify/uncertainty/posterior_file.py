@@ -17,7 +17,7 @@ from rotorfit.base.atomic_file import note_input, whole_file
 from rotorfit.base.caches import cache_home
 from rotorfit.base.digits import significant, with_error
 from rotorfit.base.file_reading import reading, seal
-from rotorfit.base.text_table import text_table
+from rotorfit.base.text_table import Table
 from rotorfit.base.version import VERSIONS
 from rotorfit.estimators.inference.caused_posterior import CausedPosterior
 from rotorfit.identify.fitting.result import FitResult
@@ -55,8 +55,8 @@ def health(posterior: Posterior) -> list[Health]:
     return found
 
 
-def summary(posterior: Posterior) -> str:
-    """Table of the draws and of the chains' health."""
+def summary(posterior: Posterior) -> list[str | Table]:
+    """What is printed of draws: their table, with the chains' health."""
     state = posterior.settings
     lines = [
         posterior.message if posterior.converged else f"NOT CONVERGED: {posterior.message.partition(': ')[2]}",
@@ -73,7 +73,7 @@ def summary(posterior: Posterior) -> str:
         mean, *cells = (with_error(float(v), spread)[0] for v in (draws.mean(), low, middle, high))
         state_of = [f"{chains.rhat:.3f}", f"{chains.bulk:.0f}", f"{chains.tail:.0f}"]
         rows.append([chains.name, mean, significant(spread, 2), *cells, *state_of, posterior.unit(chains.name)])
-    return "\n".join([*lines, *text_table(rows, "<22 >13 >10 >13 >13 >13 >8 >10 >10 <1")])
+    return [*lines, Table(rows, "<22 >13 >10 >13 >13 >13 >8 >10 >10 <1")]
 
 
 def datasets(posterior: Posterior) -> dict[str, xr.Dataset]:

@@ -12,11 +12,12 @@ import numpy as np
 from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.digits import significant
-from rotorfit.base.text_table import Printed, text_table
+from rotorfit.base.text_table import Table, Tabled
 from rotorfit.base.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+    from xarray import Dataset
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -28,7 +29,7 @@ class Band:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Prediction(Printed):
+class Prediction(Tabled):
     """Predicted responses of one plane to a force at one plane; see :meth:`FitResult.predict`.
 
     Attributes:
@@ -151,7 +152,26 @@ class Prediction(Printed):
                 table[f"{name}phase_{end}_deg"] = np.rad2deg(band.phase[:, i])
         return DataFrame(table)
 
-    def __str__(self) -> str:
+    def to_xarray(self) -> Dataset:
+        """The prediction as an ``xarray.Dataset`` over its points, SI units: the complex response, limits of amplitude
+        and phase.
+
+        Example:
+            >>> fit.predict([300.0, 400.0], 200.0, force_plane="disk", plane="journal").to_xarray().response.dtype
+            dtype('complex128')
+        """
+        from xarray import Dataset
+
+        data: dict[str, Any] = {"response": ("point", self.response, {"units": "m or rad, 0-peak"})}
+        for name, band in (("", self.band), ("new_", self.band_new)):
+            data[f"{name}amplitude"] = (("point", "limit"), band.amplitude)
+            data[f"{name}phase"] = (("point", "limit"), band.phase, {"units": "rad"})
+        where = {name: ("point", getattr(self, name), {"units": "rad/s"}) for name in ("frequency", "speed")}
+        told = {"plane": self.plane, "direction": self.direction, "force_plane": self.force_plane, "level": self.level}
+        return Dataset(data, {**where, "limit": ["low", "high"]}, told)
+
+    def parts(self) -> list[str | Table]:
+        """What is printed."""
         largest = int(np.argmax(np.abs(self.response)))
         chosen = sorted({0, largest, self.response.size - 1})
         rows = [["speed", "frequency", "amplitude", "of the mean", "of a new reading", "phase lead"]]
@@ -173,7 +193,7 @@ class Prediction(Printed):
             f"response at {self.plane} to a force at {self.force_plane}, {points}; "
             f"{significant(100 * self.level, 4)} % bands {what}, by {by}"
         )
-        return "\n".join([head, *text_table(rows, ">8 >10 >10 >20 >20 >11"), *self.notes])
+        return [head, Table(rows, ">8 >10 >10 >20 >20 >11"), *self.notes]
 
 
 def _parts(covariance: Float) -> ComplexArray:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import os
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +15,7 @@ import numpy as np
 from rotorfit.base.array_types import Float
 from rotorfit.base.chance import Seed, seed_of
 from rotorfit.base.digits import significant
+from rotorfit.base.progress import progress_on_stderr
 from rotorfit.estimators.blocks.correlated import freedom_of
 from rotorfit.estimators.inference import ensemble_sampler
 from rotorfit.estimators.inference.caused_posterior import CausedPosterior
@@ -29,6 +30,7 @@ from rotorfit.identify.uncertainty.posterior import Posterior, SampleSettings
 from rotorfit.identify.uncertainty.target import LogDensity, log_density, posterior_of
 from rotorfit.models.shafts.angular_rates import real_number
 
+_LOG = logging.getLogger(__name__)
 WALKERS = 128
 """Walkers at most by default, enough to keep vectorised likelihoods busy; more where there are many parameters."""
 FEW_WALKERS = 32
@@ -46,7 +48,7 @@ def sample(
     noise: Noise | None = None,
     refine: bool = False,
     checkpoint: str | os.PathLike[str] | None = None,
-    progress: bool | Callable[[SamplerProgress], None] = False,
+    progress: bool | Callable[[SamplerProgress], None] | None = None,
     moves: Sequence[tuple[Any, float]] | None = None,
     accelerate: bool | None = None,
 ) -> Posterior:
@@ -68,8 +70,8 @@ def sample(
             given with the data, the only one for a robust loss; widened by redchi where the model limits the fit).
         refine: first add the structural blocks that AIC asks for, see :func:`rotorfit.refine`.
         checkpoint: HDF5 file to write at every look at the chain; a run that was stopped continues from it.
-        progress: print a line of progress to stderr, or a function that is called with a
-            :class:`~rotorfit.estimators.inference.ensemble_sampler.SamplerProgress`.
+        progress: whether a line of progress is printed to stderr, by default where that is a terminal; or a function
+            that is called with a :class:`~rotorfit.estimators.inference.ensemble_sampler.SamplerProgress`.
         moves: emcee moves with weights, by default independence proposals from the normal approximation mixed with
             emcee's DE and stretch moves.
         accelerate: compile the likelihood with numba; by default where it is installed and pays.
@@ -104,7 +106,7 @@ def sample(
     enough = 2 * math.ceil(ess / 60)
     count = walkers or max(min(usual, max(16, enough)), 2 * target.size)
     centre, covariance = target.laplace(fit.x)
-    try:
+    with progress_on_stderr(progress, _state_in_words) as report:
         paths = ensemble_sampler.sample(
             target,
             centre,
@@ -114,12 +116,17 @@ def sample(
             max_steps=max_steps,
             seed=None if rng is None and seed is None else seed_of(rng, seed, 0),
             checkpoint=None if checkpoint is None else Path(checkpoint),
-            report=_print_progress if progress is True else progress or None,
+            report=report,
             moves=list(moves) if moves else None,
         )
-    finally:
-        if progress is True:
-            print(file=sys.stderr)
+    _LOG.info(
+        "sampled %s with seed %d: %d steps of %d walkers, %s",
+        fit.model.name,
+        paths.seed,
+        paths.steps,
+        count,
+        paths.message,
+    )
     chain, sizes = paths.draws, None
     if isinstance(target, CausedPosterior):
         flat, sizes = target.drawn(chain.reshape(-1, target.size), np.random.default_rng(paths.seed))
@@ -266,6 +273,5 @@ def _visited(fit: FitResult, chain: Float) -> str:
     return words
 
 
-def _print_progress(state: SamplerProgress) -> None:
-    text = f"{state.steps} steps, {100 * state.done:.0f} %: {state.waiting}"
-    print(f"\r{text:<60}", end="", file=sys.stderr, flush=True)
+def _state_in_words(state: SamplerProgress) -> str:
+    return f"{state.steps} steps, {100 * state.done:.0f} %: {state.waiting}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import logging
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from rotorfit.base.array_types import Bool
 
 _PACKAGE = __name__.partition(".")[0]
+_LOG = logging.getLogger(__name__)
 
 
 class DataWarning(UserWarning):
@@ -67,6 +69,7 @@ class Finding:
 def report(findings: Iterable[Finding], on_finding: Callable[[Finding], None] | None) -> None:
     """Hand findings on, or without a callback warn of them where :func:`rotorfit.read` was called."""
     for finding in findings:
+        _LOG.info("%s", finding)
         if on_finding is None:
             warnings.warn(finding.message, stacklevel=level_of_caller())
         else:

@@ -21,6 +21,7 @@ from rotorfit.lab.data.table_columns import RUN, Layout
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+    from xarray import Dataset
 
     from rotorfit.estimators.blocks.observations import Block
     from rotorfit.lab.data.experiments import PerturbationTest
@@ -297,6 +298,17 @@ class Experiment(ABC):
         more = f"<p>and {len(self.runs) - most} more runs</p>" if len(self.runs) > most else ""
         table = f"<table><thead><tr>{names}</tr></thead><tbody>{body}</tbody></table>"
         return f"<p>{escape(repr(self)[1:-1])}</p>{table}{more}"
+
+    def to_xarray(self) -> Dataset:
+        """The readings as an ``xarray.Dataset``, complex and in SI units, with what says where they are as coordinates.
+
+        Example:
+            >>> float(abs(rig.to_xarray().response).max()) == float(abs(rig.response).max())
+            True
+        """
+        from rotorfit.lab.io.netcdf import to_xarray
+
+        return to_xarray(self)
 
     def to_dataframe(self) -> DataFrame:
         """The experiment as a table with the columns of a tidy CSV, which :func:`rotorfit.read` takes too.

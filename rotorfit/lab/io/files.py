@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from importlib import import_module
@@ -36,6 +37,7 @@ from rotorfit.lab.io.tables.json_records import SUFFIX
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+_LOG = logging.getLogger(__name__)
 SUFFIXES = {".csv": "csv", ".txt": "csv", ".tsv": "csv", ".uff": "uff", ".unv": "uff", ".nc": "netcdf", ".mat": "mat"}
 """Format by suffix of the file."""
 RECORDINGS = (".h5", ".hdf5", ".hdf", ".tdms", ".wav", ".parquet", ".npz", ".uf58", ".lvm")
@@ -151,7 +153,9 @@ def read(
     if kind is not None and not isinstance(test, kind):
         raise ValueError(f"{test.source} holds a {test.title}, not a {kind.title} (kind={kind.__name__})")
     _check_sizes(test)
+    whole = len(test)
     test = selected(test, where=where, exclude=exclude, drop_near_1x=drop_near_1x)
+    left_out = whole - len(test)
     corrections: dict[str, Any] = {
         "gains": gains,
         "delays": delays,
@@ -172,7 +176,11 @@ def read(
             test = apart
     elif given := [name for name, value in corrections.items() if value is not None]:
         raise ValueError(f"{', '.join(given)} correct probe readings; {test.source} is a {type(test).__name__}")
-    return without(test, skip)
+    found = without(test, skip)
+    _LOG.info("read %r", found)
+    if left_out := left_out + len(test) - len(found):
+        _LOG.info("%s: %d of %d readings were not wanted", found.source, left_out, whole)
+    return found
 
 
 _FASTEST = 1e10

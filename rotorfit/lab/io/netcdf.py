@@ -25,6 +25,9 @@ _UNITS = {
 }  # fmt: skip
 """Units that are written, by column."""
 
+_PLACES = ("speed", "frequency", "time")
+"""Columns of numbers that say where a reading is."""
+
 _QUANTITIES = {
     "speed": ("frequency",), "frequency": ("frequency",),
     "force": ("force",), "force_x": ("force",), "force_y": ("force",), "load": ("force",),
@@ -60,6 +63,19 @@ def write_netcdf(experiment: Experiment, path: str | Path) -> None:
     write_dataset(xr.Dataset(variables, attrs=header), content)
     Path(path).write_bytes(content.getbuffer())
     seal(Path(path))
+
+
+def to_xarray(experiment: Experiment) -> xr.Dataset:
+    """See :meth:`Experiment.to_xarray`."""
+    import xarray as xr
+
+    experiment = experiment.stored_rows()
+    data: dict[str, Any] = {}
+    where: dict[str, Any] = {name: ("reading", values) for name, values in experiment.attributes.items()}
+    for name, kind in column_types(experiment).items():
+        told = {"units": _UNITS[name]} if name in _UNITS else {}
+        (where if kind is str or name in _PLACES else data)[name] = ("reading", getattr(experiment, name), told)
+    return xr.Dataset(data, where, {"title": experiment.source, "kind": type(experiment).__name__})
 
 
 def write_dataset(dataset: xr.Dataset, content: BytesIO, **options: Any) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
@@ -18,6 +19,7 @@ from rotorfit.base.atomic_file import whole_file
 from rotorfit.base.digits import plus_minus, significant
 from rotorfit.base.executors import Kept
 from rotorfit.base.names import unknown_name
+from rotorfit.base.progress import progress_on_stderr
 from rotorfit.base.text_table import Printed, Wide, text_table
 from rotorfit.estimators.misfit.parameter_space import parameter_space
 from rotorfit.estimators.misfit.problem import LOSSES, Loss
@@ -38,6 +40,8 @@ from rotorfit.studies.campaigns.trends import Trend, trend_table, trends_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+_LOG = logging.getLogger(__name__)
 
 
 _FLUID = ("K0", "lam", "lam_D", "D")  # what the source follows in a campaign, where the model has it
@@ -304,7 +308,7 @@ def campaign(
     start: Mapping[str, float] | None = None,
     executor: Executor | None = None,
     store: Kept | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: bool | Callable[[int, int], None] | None = None,
 ) -> Campaign:
     """Fit every run of a campaign, all parameters run by run but those that are known or shared.
 
@@ -322,7 +326,8 @@ def campaign(
             worker has answered for five minutes the rest is fitted here.
         store: a :class:`rotorfit.Store` where fits are kept as they come: a campaign that was stopped or killed takes
             up where it was when it is begun again.
-        progress: called with the number of runs done and the number of all, once for each pass over the runs.
+        progress: whether a line of progress is printed to stderr, by default where that is a terminal; or a function
+            that is called with the number of runs done and the number of all, once for each pass over the runs.
 
     Returns:
         the campaign; a run that could not be fitted has no parameters and a message that says why.
@@ -342,14 +347,18 @@ def campaign(
     names = (shared,) if isinstance(shared, str) else tuple(shared)
     _check(model, settings, names, start)
     runs = _runs(experiments, split, executor)
-    workers = Workers(model, executor, progress, store)
     params: Mapping[str, FittedParameter] = {}
     covar, settled = np.empty((0, 0)), True
-    if names:
-        (fits, params, covar), settled = fit_shared(workers, runs, names, settings, start)
-    else:
-        fits = tuple(workers(fit_run, runs, [{"settings": settings, "start": start}] * len(runs)))
-        refuse_none(fits)
+    with progress_on_stderr(progress, "{} of {} runs".format) as tell:
+        workers = Workers(model, executor, tell, store)
+        if names:
+            (fits, params, covar), settled = fit_shared(workers, runs, names, settings, start)
+        else:
+            fits = tuple(workers(fit_run, runs, [{"settings": settings, "start": start}] * len(runs)))
+            refuse_none(fits)
+    for run in fits:
+        if not run.success:
+            _LOG.info("run %s: %s", run.name, run.message)
     return Campaign(
         model=model,
         runs=fits,

@@ -14,7 +14,7 @@ from rotorfit.base.atomic_file import whole_file
 from rotorfit.base.chance import Seed, seed_of
 from rotorfit.base.digits import significant, with_errors
 from rotorfit.base.names import unknown_name
-from rotorfit.base.text_table import Printed, text_table
+from rotorfit.base.text_table import Table, Tabled
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.inference.identifiability import Identifiability
 from rotorfit.estimators.inference.optimal_shares import Shares
@@ -69,7 +69,7 @@ class PlannedLines:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Plan(Printed):
+class Plan(Tabled):
     """Expected errors of a test, and the best use of its time; see :func:`rotorfit.plan`.
 
     Attributes:
@@ -180,7 +180,8 @@ class Plan(Printed):
         weight = self.share * self.share.size
         return virtual_run(self.model, theta, self.test, self.expectation.noise, weight, seed_of(rng, seed, 0))
 
-    def __str__(self) -> str:
+    def parts(self) -> list[str | Table]:
+        """What is printed."""
         more = ["noise", "bounded", "on trust"] * bool(self.expectation.causes)
         rows = [["", "value", "std error", *more, "relative", "over the draws", "all lines alike", "unit"]]
         for name, one in self.expected.items():
@@ -195,8 +196,8 @@ class Plan(Printed):
         aim = " and ".join(self.quantity) if self.quantity else "all parameters together"
         hours = "" if math.isnan(self.time_s) else f", {duration(self.time_s)}"
         head = f"plan of a test of {self.model.name} for {aim}: {self.share.size} lines{hours}"
-        table = text_table(rows, " ".join(["<16 >12 >12", *[">10"] * len(more), ">10 >18 >16 <8"]))
-        return "\n".join([head, *table, f"{self.certificate}", *self.suggestions, *self.notes])
+        table = Table(rows, " ".join(["<16 >12 >12", *[">10"] * len(more), ">10 >18 >16 <8"]))
+        return [head, table, f"{self.certificate}", *self.suggestions, *self.notes]
 
 
 def duration(seconds: float) -> str:

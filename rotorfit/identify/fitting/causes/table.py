@@ -12,7 +12,7 @@ import numpy as np
 from rotorfit.base.digits import significant, two_digits
 from rotorfit.base.names import unknown_name
 from rotorfit.base.significance import OPEN_ERRORS
-from rotorfit.base.text_table import Printed, text_table
+from rotorfit.base.text_table import Table, Tabled
 from rotorfit.estimators.inference.causes import Cause
 from rotorfit.identify.fitting.causes.sizes import NOUNS
 from rotorfit.identify.fitting.causes.solution import SolvedCauses
@@ -91,7 +91,7 @@ class CauseRow:
 
 
 @dataclass(frozen=True, repr=False)
-class Causes(Printed):
+class Causes(Tabled):
     """Causes of a fit: iterating gives :class:`CauseRow`, indexing by name one of them."""
 
     rows: tuple[CauseRow, ...]
@@ -123,7 +123,8 @@ class Causes(Printed):
 
         return DataFrame([asdict(row) for row in self.rows])
 
-    def __str__(self) -> str:
+    def parts(self) -> list[str | Table]:
+        """What is printed."""
         head = ["cause", "size", "found", "+-", "told", "z", "pull", "unit", "reason"]
         rows = [head]
         for row in self.rows:
@@ -131,7 +132,7 @@ class Causes(Printed):
             told = f"{100 * row.determined:.0f} %"
             sizes = (significant(row.size, 2), two_digits(row.value), two_digits(row.stderr))
             rows.append([row.name, *sizes, told, z, pull, "" if row.unit == "1" else row.unit, row.reason])
-        return "\n".join(text_table(rows, "<22 >10 >10 >10 >6 >6 >6 <8 <1"))
+        return [Table(rows, "<22 >10 >10 >10 >6 >6 >6 <8 <1")]
 
 
 def size_warnings(solved: SolvedCauses | None) -> tuple[str, ...]:

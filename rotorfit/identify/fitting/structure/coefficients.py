@@ -21,7 +21,7 @@ from rotorfit.base.array_types import Float
 from rotorfit.base.atomic_file import whole_file
 from rotorfit.base.digits import significant
 from rotorfit.base.names import unknown_name
-from rotorfit.base.text_table import Printed, text_table
+from rotorfit.base.text_table import Table, Tabled, text_table
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.starting.force_balance import stiffness_matrices
@@ -152,7 +152,7 @@ class Coefficients:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CoefficientRows(Printed, Tabulated):
+class CoefficientRows(Tabled, Tabulated):
     """Coefficients at several speeds: see :meth:`FitResult.coefficient_table`.
 
     Attributes:
@@ -195,14 +195,14 @@ class CoefficientRows(Printed, Tabulated):
             cells.append(ratio)
         return [line for table in parts for line in text_table(table, "<10" + " >14" * (len(table[0]) - 1))]
 
-    def __str__(self) -> str:
-        """One column a speed."""
+    def parts(self) -> list[str | Table]:
+        """What is printed: one column a speed."""
         lines = [["", *[row.condition for row in self.rows], ""]]
         for name in COEFFICIENTS:
             if any(row[name].value or row[name].stderr for row in self.rows):
                 lines.append([name, *[_shown(row[name]) for row in self.rows], UNITS[name[0]]])
         lines.append(["whirl frequency ratio", *[_shown(row.whirl_frequency_ratio) for row in self.rows], "1"])
-        return "\n".join(text_table(lines, "<22" + " >22" * len(self.rows) + "  <6"))
+        return [Table(lines, "<22" + " >22" * len(self.rows) + "  <6")]
 
 
 def _shown(found: Quantity) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
@@ -13,7 +14,7 @@ import numpy as np
 from rotorfit.base.digits import significant
 from rotorfit.base.faults import of_program
 from rotorfit.base.names import unknown_name
-from rotorfit.base.text_table import Printed, Wide, text_table
+from rotorfit.base.text_table import Table, Tabled, Wide
 from rotorfit.identify.fitting.fit import fit, solve_again
 from rotorfit.identify.fitting.problem_setup import as_tuple, build_problem
 from rotorfit.identify.fitting.result import FitResult
@@ -23,6 +24,7 @@ from rotorfit.lab.kinds.coefficient_table import CoefficientTable
 from rotorfit.models import Constant, EvenPolynomial, Law, MonotoneSpline, Muszynska, OneMode, RotorModel
 from rotorfit.models.parameters import bare_name
 
+_LOG = logging.getLogger(__name__)
 DECISIVE_AIC = 10.0
 """Difference of AIC beyond which the worse of two models has no support left (Burnham & Anderson 2002)."""
 
@@ -41,7 +43,7 @@ class LawFit:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LawComparison(Printed):
+class LawComparison(Tabled):
     """Ranking of laws of eccentricity on the same data; :func:`rotorfit.compare_laws` makes it.
 
     Attributes:
@@ -105,8 +107,8 @@ class LawComparison(Printed):
             words.append(f"even the best law leaves redchi {left}: none of these explains the data")
         return "; ".join(words)
 
-    def __str__(self) -> str:
-        """The ranking as a table, and the verdict."""
+    def parts(self) -> list[str | Table]:
+        """What is printed: the ranking as a table, and the verdict."""
         head: list[str | Wide] = ["law", "fitted", "redchi", "AIC", "dAIC", "dBIC", "weight"]
         aic, bic = self.laws[0].aic, min(entry.bic for entry in self.laws)
         rows: list[list[str | Wide]] = [head]
@@ -116,9 +118,8 @@ class LawComparison(Printed):
                 row = [repr(entry.law), str(entry.count), significant(entry.fit.redchi, 4), f"{entry.aic:.1f}"]
                 row += [f"{entry.aic - aic:.1f}", f"{entry.bic - bic:.1f}", f"{entry.weight:.3f}"]
             rows.append(row)
-        lines = text_table(rows, "<44 >7 >10 >12 >10 >10 >9")
-        lines += [f"{entry.law!r}: {entry.reason}" for entry in self.laws if entry.reason]
-        return "\n".join([*lines, self.verdict])
+        left_out = [f"{entry.law!r}: {entry.reason}" for entry in self.laws if entry.reason]
+        return [Table(rows, "<44 >7 >10 >12 >10 >10 >9"), *left_out, self.verdict]
 
 
 def _fit_of(entry: LawFit) -> FitResult:
@@ -196,7 +197,9 @@ def compare_laws(
         raise ValueError("no law could be fitted: " + "; ".join(f"{e.law!r}: {e.reason}" for e in ranked))
     share = np.array([np.exp(-0.5 * (entry.aic - ranked[0].aic)) for entry in ranked])
     weighed = [replace(e, weight=float(w)) for e, w in zip(ranked, share / share.sum(), strict=True)]
-    return LawComparison(tuple(weighed), _stiffness_support(weighed[0]))
+    found = LawComparison(tuple(weighed), _stiffness_support(weighed[0]))
+    _LOG.info("laws compared:\n%s", found)
+    return found
 
 
 def _stiffness_support(entry: LawFit) -> float:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.base.array_types import ComplexArray, Float
-from rotorfit.base.digits import plus_minus, significant
+from rotorfit.base.digits import interval, plus_minus, significant
 from rotorfit.base.names import unknown_name
-from rotorfit.base.text_table import Printed, text_table
+from rotorfit.base.text_table import Table, Tabled
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.fitting.causes.slopes import eigenvalue_slopes
 from rotorfit.identify.fitting.propagation import propagated, theta_at
@@ -24,6 +24,9 @@ from rotorfit.models.motion.modes import VibrationMode, modal_assurance, vibrati
 from rotorfit.models.motion.stability import eigenvalue_gradient, is_image, whirls_forward
 from rotorfit.models.parameters import MATRIX_UNITS
 from rotorfit.models.shafts.angular_rates import angular_rate
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -63,7 +66,7 @@ class Mode:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Modes(Printed, Sequence[Mode]):
+class Modes(Tabled, Sequence[Mode]):
     """The modes of a fitted rotor at a speed, by natural frequency; ``print`` shows them as a table."""
 
     modes: tuple[Mode, ...]  # one after the other
@@ -131,11 +134,23 @@ class Modes(Printed, Sequence[Mode]):
             rows.append([number, mode.half_power, *(part for q in own for part in (q.value, q.stderr))])
         return rows
 
-    def __str__(self) -> str:
-        rows = self.rows()
-        return "\n".join(text_table(rows, ">4 " + ">8 " * (len(rows[0]) - 1)))
+    def to_dataframe(self) -> DataFrame:
+        """A row a mode, SI units, each number with its standard error and 95 % interval."""
+        from pandas import DataFrame
 
-    __repr__ = __str__
+        rows = []
+        for number, mode in enumerate(self.modes, 1):
+            row: dict[str, Any] = {"mode": number, "half_power": mode.half_power}
+            for name, q in mode.quantities().items():
+                low, high = q.interval()
+                row |= {name: q.value, f"{name}_stderr": q.stderr, f"{name}_low": low, f"{name}_high": high}
+            rows.append(row)
+        return DataFrame(rows)
+
+    def parts(self) -> list[str | Table]:
+        """What is printed."""
+        rows = self.rows()
+        return [Table(rows, ">4 " + ">8 " * (len(rows[0]) - 1))]
 
 
 def _said(q: Quantity, factor: float = 1.0) -> str:
@@ -154,7 +169,36 @@ class NaturalFrequency(NamedTuple):
         return "backward" if self.frequency.value < 0 else "forward"
 
 
-def natural_frequencies(fit: FitResult, speed: float, at: Mapping[str, Any] | None) -> list[NaturalFrequency]:
+class NaturalFrequencies(Tabled, tuple[NaturalFrequency, ...]):
+    """The modes at a rotative speed, one after the other; ``print`` shows them as a table with 95 % intervals."""
+
+    __slots__ = ()
+
+    def to_dataframe(self) -> DataFrame:
+        """A row a mode, SI units, with standard errors and 95 % intervals."""
+        from pandas import DataFrame
+
+        rows = []
+        for mode in self:
+            row: dict[str, Any] = {"sense": mode.sense}
+            for name, q in (("frequency_rad_s", mode.frequency), ("damping_ratio", mode.damping)):
+                low, high = q.interval()
+                row |= {name: q.value, f"{name}_stderr": q.stderr, f"{name}_low": low, f"{name}_high": high}
+            rows.append(row)
+        return DataFrame(rows)
+
+    def parts(self) -> list[str | Table]:
+        """What is printed."""
+        rows = [["mode", "", "frequency, rpm", "95 % interval", "damping ratio", "95 % interval"]]
+        for number, mode in enumerate(self, 1):
+            shown = (
+                cell for q in (mode.frequency.to("rpm"), mode.damping) for cell in (_said(q), interval(*q.interval()))
+            )
+            rows.append([str(number), mode.sense, *shown])
+        return [Table(rows, ">4 <8 >18 >22 >18 >22")]
+
+
+def natural_frequencies(fit: FitResult, speed: float, at: Mapping[str, Any] | None) -> NaturalFrequencies:
     """Damped natural frequency (rad/s, signed) and damping ratio of each mode; see the result's method."""
     speed = angular_rate(speed)
     model, group = fit.model, fit.group(at)
@@ -175,7 +219,7 @@ def natural_frequencies(fit: FitResult, speed: float, at: Mapping[str, Any] | No
         slope, beside = _damping_slope(s, by_theta), _damping_slope(s, by_causes)
         ratio = propagated(fit, group, -s.real / abs(s), slope, "1", speed=speed, by_causes=beside)
         modes.append(NaturalFrequency(frequency, ratio))
-    return modes
+    return NaturalFrequencies(modes)
 
 
 def _damping_slope(s: complex, by: ComplexArray) -> Float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +13,7 @@ import numpy as np
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import plus_minus, significant
 from rotorfit.base.significance import OPEN_ERRORS
-from rotorfit.base.text_table import Printed, text_table
+from rotorfit.base.text_table import Table, Tabled
 from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.estimators.inference.covariance import excess
 from rotorfit.identify.fitting.causes.listing import probe_factors
@@ -29,9 +30,11 @@ from rotorfit.models import BLOCKS, RotorModel, threshold_speed
 from rotorfit.models.parameters import bare_name
 from rotorfit.models.structure import block_parameters, block_symbols, check_blocks
 
+_LOG = logging.getLogger(__name__)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Refinement(Printed):
+class Refinement(Tabled):
     """Forward selection among nested models.
 
     Attributes:
@@ -49,8 +52,9 @@ class Refinement(Printed):
         own = self.best.model, self.best.var_names  # which factors of probes are freed, the model need not say
         return tuple(self.best if (step.model, step.var_names) == own else step for step in self.steps)
 
-    def table(self) -> str:
-        """The candidates as a table, the chosen one marked: the block each tried, and the symbols of all its blocks."""
+    def parts(self) -> list[str | Table]:
+        """What is printed: the candidates, the chosen one marked, the block each tried, and the symbols of all its
+        blocks."""
         rows, seen = [["tried", "structure", "fitted", "redchi", "AIC", ""]], set[str]()
         first = freed_factors(self.steps[0])
         for step in self.candidates:
@@ -65,10 +69,7 @@ class Refinement(Printed):
             mark = "<- chosen" if step is self.best else ""
             numbers = str(step.nvarys), significant(step.redchi, 4), f"{step.aic:.1f}"
             rows += [*([words] for words in before), [tried, block_symbols(blocks), *numbers, mark]]
-        return "\n".join(text_table(rows, "<30 <18 >7 >10 >12 <1"))
-
-    def __str__(self) -> str:
-        return self.table()
+        return [Table(rows, "<30 <18 >7 >10 >12 <1")]
 
 
 def structure_name(model: RotorModel) -> str:
@@ -134,7 +135,9 @@ def refine(fit: FitResult) -> Refinement:
             onsets.append(Onset(speed=onset.value, stderr=onset.stderr, difference=apart, whirl_ratio=ratio))
     notices = (*chosen.notices, *_probes_off(fit, chosen, steps), *_notices(fit, chosen))
     chosen = replace(chosen, settings=replace(chosen.settings, onsets=tuple(onsets)), notices=notices)
-    return Refinement(tuple(steps), chosen)
+    refinement = Refinement(tuple(steps), chosen)
+    _LOG.info("structure chosen by AIC:\n%s", refinement)
+    return refinement
 
 
 def _select(fit: FitResult, *, may_leave_open: bool) -> tuple[FitResult, list[FitResult]]:

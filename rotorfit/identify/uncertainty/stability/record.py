@@ -13,7 +13,7 @@ import numpy as np
 from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
-from rotorfit.base.text_table import Printed, text_table
+from rotorfit.base.text_table import Table, Tabled
 from rotorfit.base.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def damping_ratio(decrement: Float) -> Float:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class StabilityReport(Printed):
+class StabilityReport(Tabled):
     """Criteria of a fitted rotor at running speed; see :meth:`FitResult.stability_report`.
 
     Attributes:
@@ -188,14 +188,15 @@ class StabilityReport(Printed):
         api = [f"limits of {', '.join(s for s in sources if s != SENSITIVITY)}: {_CITED}"] if sources else []
         return (*api, *([_CITED_SENSITIVITY] if SENSITIVITY in sources else []), *self.notes)
 
-    def __str__(self) -> str:
+    def parts(self) -> list[str | Table]:
+        """What is printed."""
         low, high = (RPM_PER_RAD_S * speed for speed in self.running)
         where = f"{significant(high, 5)} rpm" if low == high else f"{significant(low, 5)} to {significant(high, 5)} rpm"
-        lines = [f"stability at {where}", *([self.caution] if self.caution else [])]
+        parts: list[str | Table] = [f"stability at {where}", *([self.caution] if self.caution else [])]
         layout = f"<{max(len(c.name) for c in self.criteria)} >9 >18 >11 <8 >11"
         for case in dict.fromkeys(c.case for c in self.criteria):
-            lines += [*text_table(self.rows(case), layout), ""]
-        return "\n".join([*lines, *self._mode_lines(), *self.remarks])
+            parts += [Table(self.rows(case), layout), ""]
+        return [*parts, self._modes(), *self.remarks]
 
     def _row(self, c: Criterion) -> list[str]:
         low, high = c.interval
@@ -211,7 +212,7 @@ class StabilityReport(Printed):
         chance = "not known" if math.isnan(c.probability) else chance
         return [c.name, value, ends, limit, "met" if c.met else "NOT MET", chance]
 
-    def _mode_lines(self) -> list[str]:
+    def _modes(self) -> Table:
         ends = f"{significant(100 * self.level, 4)} % interval"
         rows = [["mode, rpm", "", "damping ratio", "log. decrement", ends, ""]]
         for mode in self.modes:
@@ -220,4 +221,4 @@ class StabilityReport(Printed):
             cells = ["", "", "overdamped, no resonance"] if mode.overdamped else cells
             frequency = significant(abs(mode.frequency) * RPM_PER_RAD_S, 5)
             rows.append([frequency, mode.direction, significant(mode.damping_ratio, 3), *cells])
-        return text_table(rows, ">10 <9 >13 >14 >20 <1")
+        return Table(rows, ">10 <9 >13 >14 >20 <1")

@@ -7,6 +7,7 @@ method is in :mod:`rotorfit.estimators.signals.local_response`.
 
 from __future__ import annotations
 
+import logging
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -34,6 +35,7 @@ from rotorfit.lab.recordings.reduction.static_positions import static_positions
 from rotorfit.lab.recordings.rig.setup import Force
 from rotorfit.lab.recordings.signals import source_of
 
+_LOG = logging.getLogger(__name__)
 _Job = tuple[tuple[Recording, ...], int]
 """Recordings that are reduced together: one of a perturbator or a measured force, or start-ups with one weight; and the
 number of groups of start-ups that the runs without a weight are part of."""
@@ -91,7 +93,9 @@ def responses(
     test = checked_responses(
         listed, turns=turns, executor=executor, on_finding=report, progress=progress, checked=silent
     )
-    return selected(test, where=where)
+    found = selected(test, where=where)
+    _LOG.info("reduced %r", found)
+    return found
 
 
 def _warn_of_error(finding: Finding) -> None:
