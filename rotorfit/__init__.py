@@ -75,6 +75,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.lab.simulation.instruments import Instruments as Instruments
     from rotorfit.lab.simulation.recordings import simulate_recordings as simulate_recordings
     from rotorfit.lab.simulation.simulate import simulate as simulate
+    from rotorfit.lab.simulation.turbulence import Turbulence as Turbulence
     from rotorfit.show.report.write import write_report as write_report
     from rotorfit.studies.campaigns.campaign import Campaign as Campaign
     from rotorfit.studies.campaigns.campaign import campaign as campaign
@@ -133,6 +134,7 @@ _NAMES = {
     "lab.simulation.instruments": "Instruments",
     "lab.simulation.recordings": "simulate_recordings",
     "lab.simulation.simulate": "simulate",
+    "lab.simulation.turbulence": "Turbulence",
     "apps.store.store": "Store",
     "identify.uncertainty.bootstrap": "Bootstrap",
     "identify.uncertainty.budget": "Budget",

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from plain import plain_fit
-from sentences import refuses
+from sentences import hear, refuses
 from synthetic import TYPICAL, circular_test, covering_frequencies, overhung_without_slopes
 
 import rotorfit as rf
@@ -28,8 +28,9 @@ OPTIONS: dict[str, tuple[list[str], tuple[str, ...]]] = {
 
 
 def test_no_kind_is_left_out() -> None:
-    """Start-ups and balance runs of a two-disk rotor are in the tests of runs without a weight."""
-    assert set(OPTIONS) | {"synchronous", "balance"} == set(RECORDED)
+    """Start-ups and balance runs of a two-disk rotor are in the tests of runs without a weight, operation in those of
+    turbulence."""
+    assert set(OPTIONS) | {"synchronous", "balance", "operating"} == set(RECORDED)
 
 
 @pytest.mark.usefixtures("sketched")
@@ -73,6 +74,16 @@ def test_words_that_do_not_go_together_are_refused(
     assert main(["simulate", "--model", "one-mode", *rotor, *words, "--recordings", str(tmp_path / "raw")]) == 2
     assert said in capsys.readouterr().err
     assert not list(tmp_path.rglob("*.h5"))
+
+
+def test_recordings_in_operation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rotor = [word for name, value in VALUES.items() for word in ("--set", f"{name}={value}")]
+    words = ["simulate", "--model", "one-mode", *rotor, "--kind", "operating", "--speed-rpm", "900,1200"]
+    run = [*words, "--duration", "1", "--recordings", str(tmp_path / "raw")]
+    assert main(run) == 2
+    hear(capsys.readouterr().err)
+    assert main([*run, "--turbulence", "0.02"]) == 0
+    assert {file.name for file in (tmp_path / "raw").glob("*.h5")} == {"operating-900.h5", "operating-1200.h5"}
 
 
 def test_a_start_up_through_the_onset_of_instability_is_refused(tmp_path: Path) -> None:

@@ -42,6 +42,7 @@ _NUMBERS = {
     "--impulse-deg": ("DEG", "its direction from x towards y [0]"),
     "--duration": ("S", "length of a ring-down record, s"),
     "--sampling-hz": ("HZ", "sampling of a ring-down record"),
+    "--turbulence": ("LEVEL", "random force of the flow on every plane in recordings, N per root Hz"),
 }
 _WORDS = {
     "--plane": "plane of the load, the blow or the imposed orbit [the journal]",
@@ -120,6 +121,7 @@ def _recorded(options: argparse.Namespace) -> list[str]:
         raise ValueError("--backward is for files of vectors; recordings are made forward and backward")
     settings = _settings(options)
     instruments = Instruments(sample_rate=settings.pop("sampling_hz", Instruments().sample_rate))
+    flow = settings.pop("turbulence", None)
     _check(kind, settings, RECORDED)
     for name, value in settings.items():
         count, numbers = _COUNTS.get((kind, name)), np.atleast_1d(value)
@@ -129,7 +131,7 @@ def _recorded(options: argparse.Namespace) -> list[str]:
         if count is not None:
             settings[name] = float(numbers[0]) if count == 1 else tuple(numbers.tolist())
     params = pairs("--set", options.set, number_word)
-    own = {"instruments": instruments, "seed": options.seed, **settings}
+    own = {"instruments": instruments, "seed": options.seed, "turbulence": flow, **settings}
     with complete_folder(options.recordings) as folder:
         return [file.name for file in simulate_recordings(_model(options), params, folder, kind, **own)]
 

@@ -288,6 +288,19 @@ def static_load(
             )
 
 
+def operating(rig: RecordedRig, *, speed_rpm: ArrayLike = 1500.0, duration: float = 60.0) -> Iterator[Played]:
+    """A rotor at steady speeds that turbulence and its own unbalance shake, as it does after some time."""
+    if rig.turbulence is None:
+        raise ValueError("a test of kind operating needs turbulence to shake the rotor (turbulence=, --turbulence)")
+    own = {plane: rig.residual * np.exp(2j * np.pi * rig.rng.uniform()) for plane in rig.model.planes}
+    for rpm in rates_rpm("speed_rpm", speed_rpm).tolist():
+        shaft = rig.shaft(rpm * RPM)
+        time = rig.instruments.time(rig.settling(rpm * RPM) + duration)
+        last = slice(-rig.instruments.time(duration).size, None)
+        run = rig.run(f"operating-{rpm:g}", shaft, _turning(shaft, own), time, {"speed_rpm": rpm})
+        yield replace(run, motion={plane: z[last] for plane, z in run.motion.items()}, shaft=run.shaft[last])
+
+
 def _speeds(rig: RecordedRig, speed_rpm: ArrayLike) -> Iterator[float]:
     """Speeds, rpm; at one where the rotor is unstable nothing can be recorded."""
     for rpm in rates_rpm("speed_rpm", speed_rpm).tolist():

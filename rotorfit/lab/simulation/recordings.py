@@ -16,6 +16,7 @@ from rotorfit.lab.simulation import recorded_kinds as kinds
 from rotorfit.lab.simulation.instruments import Instruments, Played, record
 from rotorfit.lab.simulation.rig import RecordedRig
 from rotorfit.lab.simulation.simulate import RecordingOptions, checked_options
+from rotorfit.lab.simulation.turbulence import Turbulence
 from rotorfit.models import RotorModel
 
 RECORDED: Mapping[str, Callable[..., Iterator[Played]]] = {
@@ -28,6 +29,7 @@ RECORDED: Mapping[str, Callable[..., Iterator[Played]]] = {
     "hammer": kinds.hammer,
     "release": kinds.release,
     "static-load": kinds.static_load,
+    "operating": kinds.operating,
 }
 """Kinds of tests that are recorded."""
 
@@ -40,6 +42,7 @@ def simulate_recordings(
     *,
     instruments: Instruments | None = None,
     residual: float = 1e-5,
+    turbulence: Turbulence | float | None = None,
     rng: Seed = None,
     seed: Seed = None,
     **options: Unpack[RecordingOptions],
@@ -60,6 +63,7 @@ def simulate_recordings(
     - ``hammer``: the same, with the force measured
     - ``release``: speed_rpm, load, load_deg, plane, duration; a load that is let go
     - ``static-load``: load, speed_rpm, load_deg, plane, duration
+    - ``operating``: speed_rpm, duration; nothing but turbulence and the rotor's own unbalance shakes it
 
     A ``rig.toml`` beside the files says what they do not.
 
@@ -69,7 +73,9 @@ def simulate_recordings(
         folder: where the files go; it is made if it is not there.
         kind: a name above.
         instruments: what measures, by default :class:`rotorfit.lab.simulation.instruments.Instruments`.
-        residual: unbalance of the rotor itself in each plane in start-ups and balance runs, kg m.
+        residual: unbalance of the rotor itself in each plane in start-ups, balance runs and operation, kg m.
+        turbulence: random force of the flow on the planes in every run, as a :class:`rotorfit.Turbulence` or the level
+            of a white one, N per root Hz; none by default. A nonlinear rotor whirls earlier with it.
         rng: of noise and chance, a generator or its seed, 0 by default.
         seed: the same.
         options: of the kind.
@@ -78,7 +84,8 @@ def simulate_recordings(
         the files.
 
     Raises:
-        ValueError: unknown kind, a rotor that is unstable, or a load that is let go of one with a law of eccentricity.
+        ValueError: unknown kind, a rotor that is unstable, turbulence that cannot be, or a load that is let go of one
+            with a law of eccentricity.
         IntegrationError: the journal touches the wall.
         TypeError: an option that the kind does not have; names those that it has.
         KeyError: unknown or missing parameters.
@@ -97,7 +104,15 @@ def simulate_recordings(
     place.mkdir(parents=True, exist_ok=True)
     drawn = np.random.default_rng(chance(rng, seed, 0))
     how = instruments or Instruments()
-    rig = RecordedRig(model=model, theta=model.vector(params), rng=drawn, instruments=how, residual=residual)
+    flow = Turbulence(level=turbulence) if isinstance(turbulence, (int, float)) else turbulence
+    rig = RecordedRig(
+        model=model,
+        theta=model.vector(params),
+        rng=drawn,
+        instruments=how,
+        residual=residual,
+        turbulence=flow,
+    )
     files: dict[str, Path] = {}
     for played in RECORDED[kind](rig, **settings):
         name = file_name(played.name, files)
