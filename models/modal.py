@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from functools import cached_property
 from typing import Any, ClassVar, Literal, TypeAlias
 
@@ -42,9 +42,10 @@ class Modal(RotorModel):
             "plane" one to each plane's x/y pair, of which the component in the direction of the force is taken.
         apart: let the x and the y direction have a natural frequency and a damping ratio each (``wn_x``, ``wn_y``), for
             supports that differ in x and y; the modal mass stays that of the x direction. Needs gains by probe.
-        force_planes, probe_planes: planes that are forced and measured, all of them by default. The participation is
-            one at the first force plane and the gain is one at the first probe plane; where these are two planes, ``M``
-            is negative in modes in which they move against one another.
+        force_planes, probe_planes: planes that are forced and measured, all of them by default; of a plane with one
+            probe that probe, ``"nde.x"``, with gains by probe. The participation is one at the first force plane and
+            the gain is one at the first probe plane; where these are two planes, ``M`` is negative in modes in which
+            they move against one another.
         residuals: give each probe such terms of modes outside the band; None lets a fit do so where the data ask for
             them (BIC).
     """
@@ -81,7 +82,7 @@ class Modal(RotorModel):
         self.modes, self.gains, self.apart, self.residuals = modes, gains, apart, residuals
         self.frame: Literal["z", "xy"] = "xy" if gains == "probe" else "z"
         self.force_planes = self._some(force_planes, "force_planes")
-        self.probe_planes = self._some(probe_planes, "probe_planes")
+        self._probes = self._probes_of(probe_planes)
         self._coordinates = tuple(self._all_coordinates())
         self.parameters = tuple(q for number in range(1, modes + 1) for q in self._of_mode(number))
         self.parameters += tuple(self._of_rests())
@@ -95,6 +96,13 @@ class Modal(RotorModel):
             raise ValueError(f"{what}: name at least one of {', '.join(self.planes)}")
         return tuple(plane for plane in self.planes if plane in names)
 
+    def _probes_of(self, given: Sequence[str] | None) -> tuple[tuple[str, str], ...]:
+        """Plane and axis of each probe, those along x first."""
+        names = self.planes if given is None else (given,) if isinstance(given, str) else tuple(given)
+        ends = {f"{plane}.{axis}": plane for plane in self.planes for axis in self._axes if axis != "z"}
+        read = self._some([name if name in self.planes else ends.get(name, name) for name in names], "probe_planes")
+        return tuple((p, axis) for axis in self._axes for p in read if p in names or f"{p}.{axis}" in names)
+
     @property
     def _axes(self) -> tuple[Literal["x", "y", "z"], ...]:
         return ("x", "y") if self.frame == "xy" else ("z",)
@@ -107,7 +115,7 @@ class Modal(RotorModel):
     def _of_mode(self, number: int) -> list[Parameter]:
         """Parameters of one mode: mass, frequencies and dampings, participations, gains."""
         of = f"of mode {number}" if self.modes > 1 else "of the mode"
-        forced, probe = self.force_planes[0], self.probe_planes[0]
+        forced, probe = self.normalised_at
         found = [
             Parameter(self._named("M", number), "kg", f"modal mass {of} at {probe}", lower=0.0)
             if forced == probe
@@ -124,7 +132,7 @@ class Modal(RotorModel):
                 Parameter(self._named("phi", number, plane), "1", f"participation of a force at {plane}"),
                 Parameter(self._named("phi", number, plane, "im"), "1", "its imaginary part", default=0.0),
             ]
-        for plane, end in self._free_probes:
+        for plane, end in self._probes[1:]:
             probe = f"{plane} {end}".removesuffix(" z")
             found += [
                 Parameter(self._named("g", number, plane, end), "1", f"gain of the probe at {probe}"),
@@ -138,15 +146,14 @@ class Modal(RotorModel):
             "c": ("m/N", "compliance of modes above the band", 1e-6),
             "a": ("1/kg", "accelerance of modes below the band", 0.1),
         }
-        for axis in self._axes if self.residuals else ():
-            for plane in self.probe_planes:
-                where = f"at {plane} {axis}".removesuffix(" z")
-                for letter, (unit, meaning, scale) in said.items():
-                    for forced in self.force_planes:
-                        name, whole = self.rest(letter, plane, axis, forced), f"{meaning}, {where}"
-                        whole += f" by a force at {forced}" if len(self.force_planes) > 1 else ""
-                        yield Parameter(name, unit, whole, scale)
-                        yield Parameter(f"{name}_im", unit, "its imaginary part", scale)
+        for plane, axis in self._probes if self.residuals else ():
+            where = f"at {plane} {axis}".removesuffix(" z")
+            for letter, (unit, meaning, scale) in said.items():
+                for forced in self.force_planes:
+                    name, whole = self.rest(letter, plane, axis, forced), f"{meaning}, {where}"
+                    whole += f" by a force at {forced}" if len(self.force_planes) > 1 else ""
+                    yield Parameter(name, unit, whole, scale)
+                    yield Parameter(f"{name}_im", unit, "its imaginary part", scale)
 
     def rest(self, letter: str, plane: str, axis: str, forced: str) -> str:
         """Name of a term of modes outside the band, which says the force plane too where there are several.
@@ -158,9 +165,29 @@ class Modal(RotorModel):
         """
         return "_".join([letter, plane, *axis.strip("z"), *([forced] if len(self.force_planes) > 1 else [])])
 
-    @cached_property
-    def _free_probes(self) -> Sequence[tuple[str, str]]:
-        return [(plane, axis) for axis in self._axes for plane in self.probe_planes][1:]
+    @property
+    def read_planes(self) -> tuple[str, ...]:
+        """See :attr:`RotorModel.read_planes`: no mode tells how planes without a probe move."""
+        return tuple(plane for plane in self.planes if any(plane == own for own, _ in self._probes))
+
+    @property
+    def probe_planes(self) -> tuple[str, ...]:
+        """Planes with probes, as they may be given: of those with one the probe, ``nde.x``."""
+        own = {plane: [axis for at, axis in self._probes if at == plane] for plane in self.read_planes}
+        return tuple(p if len(axes) == len(self._axes) else f"{p}.{axes[0]}" for p, axes in own.items())
+
+    @property
+    def normalised_at(self) -> tuple[str, str]:
+        """Planes of the force whose participation and of the probe whose gain is one."""
+        return self.force_planes[0], self._probes[0][0]
+
+    def is_read(self, plane: str, axis: str) -> bool:
+        """See :meth:`RotorModel.is_read`."""
+        return (plane, axis) in self._probes
+
+    def is_forced(self, plane: str) -> bool:
+        """See :meth:`RotorModel.is_forced`: no mode tells what a force does where none acted."""
+        return plane in self.force_planes
 
     @cached_property
     def speed_dependent(self) -> bool:
@@ -177,10 +204,13 @@ class Modal(RotorModel):
         """See :attr:`RotorModel.mode_count`."""
         return self.modes
 
-    @property
-    def alternatives(self) -> tuple[RotorModel, ...]:
-        """See :attr:`RotorModel.alternatives`: without and with terms of modes outside the band."""
-        return () if self.residuals is not None else tuple(self.variant(residuals=one) for one in (False, True))
+    def alternatives(self, probes: Set[tuple[str, str]]) -> tuple[RotorModel, ...]:
+        """See :meth:`RotorModel.alternatives`: without gains of probes that are not there; without and with terms of
+        modes outside the band."""
+        read = probes if self.frame == "xy" else {(plane, "z") for plane, _ in probes}
+        own = [f"{plane}.{axis}".removesuffix(".z") for plane, axis in self._probes if (plane, axis) in read]
+        seen = self if len(own) in (0, len(self._probes)) else self.variant(probe_planes=own)
+        return (seen,) if self.residuals is not None else tuple(seen.variant(residuals=one) for one in (False, True))
 
     @property
     def coordinates(self) -> tuple[Coordinate, ...]:
@@ -233,15 +263,15 @@ class Modal(RotorModel):
             free, force = (self.coordinate(f"{what} at {forced}", axis) for what in ("free", "force"))
             parts[2][free][free] = 1.0
             parts[0][free][force] = -1.0
-            for plane in self.probe_planes:
+            for plane in (plane for plane, end in self._probes if end == axis):
                 row = self.coordinate(f"force at {plane}", axis)
                 for letter, seen in (("c", force), ("a", free)):
                     parts[0][row][seen] = -self._complex(p, self.rest(letter, plane, axis, forced))
 
     def _gain(self, p: Any, number: int, plane: str, axis: str) -> Complex:
-        if plane not in self.probe_planes:
+        if (plane, axis) not in self._probes:
             return Complex(0.0)
-        if (plane, axis) not in self._free_probes:
+        if (plane, axis) == self._probes[0]:
             return Complex(1.0)
         return self._complex(p, self._named("g", number, plane, axis))
 
@@ -269,10 +299,10 @@ class Modal(RotorModel):
         shape = len(self.coordinates), len(self._axes) * each
         real, imaginary, constant = np.full(shape, -1), np.full(shape, -1), np.zeros(shape)
         for first, axis in zip(range(0, shape[1], each), self._axes, strict=True):
-            for plane in self.probe_planes:
+            for plane in (plane for plane, end in self._probes if end == axis):
                 row = self.coordinate(plane, axis)
                 names = [self._named("g", i, plane, axis) for i in range(1, self.modes + 1)]
-                if (plane, axis) not in self._free_probes:
+                if (plane, axis) == self._probes[0]:
                     constant[row, first : first + self.modes] = 1.0
                     names = [""] * self.modes
                 names += [

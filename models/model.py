@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from inspect import signature
@@ -137,10 +137,13 @@ class RotorModel(Tabled, ABC):
         names = {plane: f"beta{i}" for i, plane in enumerate(self.read_planes, 1)}
         return [getattr(p, names.get(c.plane, ""), 1.0) if c.axis != "r" else 1.0 for c in self.coordinates]
 
-    @property
-    def alternatives(self) -> tuple[RotorModel, ...]:
-        """Models that stand for this one where it leaves a choice to the data: a fit takes that of least BIC."""
-        return ()
+    def alternatives(self, probes: Set[tuple[str, str]]) -> tuple[RotorModel, ...]:
+        """Models that stand for this one where it leaves a choice to the data: a fit takes that of least BIC.
+
+        Args:
+            probes: plane and direction of those that the data are of.
+        """
+        return (self,)
 
     @property
     def nodes(self) -> dict[str, int]:
@@ -202,6 +205,23 @@ class RotorModel(Tabled, ABC):
     def read_planes(self) -> tuple[str, ...]:
         """Planes at which probes may be: those of the model, then the probes between them."""
         return (*self.planes, *(name for name, _ in self.probes))
+
+    def is_read(self, plane: str, axis: str) -> bool:
+        """True if the model knows how a plane moves along an axis.
+
+        Args:
+            plane: one of the model's planes.
+            axis: ``"z"``, or ``"x"`` or ``"y"`` of models with both.
+        """
+        return plane in self.read_planes
+
+    def is_forced(self, plane: str) -> bool:
+        """True if the model knows what a force at a plane does.
+
+        Args:
+            plane: one of the model's planes.
+        """
+        return plane in self.planes
 
     @property
     def coordinates(self) -> tuple[Coordinate, ...]:

@@ -51,7 +51,7 @@ def modal_start(
     """Parameters of a modal model, and the common datum angle, rad, from responses. Returns values by name, and the
     lead of the responses over the forces at the first plane. Modal masses are as if the responses were turned back by
     that angle (``turned``), or as they are."""
-    forced, probe = (model.planes.index(names[0]) for names in (model.force_planes, model.probe_planes))
+    forced, probe = (model.planes.index(name) for name in model.normalised_at)
     along = _responses(model, blocks)
     every = [response for own in along.values() for response in own]
     values: dict[str, float] = {}

@@ -8,7 +8,7 @@ import numpy as np
 
 from rotorfit.base.array_types import ROUND_OFF, ComplexArray, Float
 from rotorfit.models.model import RotorModel
-from rotorfit.models.motion.stability import eigenvalues, is_image, mode_vectors, seats, whirls_forward
+from rotorfit.models.motion.stability import eigenvalues, is_image, mode_vectors, seats, whirl_sense
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -44,7 +44,7 @@ def vibration_modes(model: RotorModel, theta: Float, speed: float, *, normalised
     for s in eigenvalues(model, theta, speed).tolist():
         if np.isfinite(s) and not is_image(model, theta, speed, s):
             shape = mode_vectors(coefficients, np.asarray(s))[1][seats(model)]
-            backward = model.frame == "xy" and not whirls_forward(model, theta, speed, np.array([s]))[0]
+            backward = model.frame == "xy" and whirl_sense(model, theta, speed, np.array([s]))[0] < 0
             found.append(VibrationMode(s=s, shape=shape / shape[normalised_at], turn=-1.0 if backward else 1.0))
     return found
 

@@ -15,6 +15,7 @@ from rotorfit.models.shafts.angular_rates import HIGHEST_RATE, angular_rate, ang
 from rotorfit.models.shafts.turning import unstable_bands
 
 SPEEDS = 600  # speeds searched for an onset
+_SENSELESS = 1e-9  # share of a mode's motion up to which a whirl of it is round-off
 
 
 @dataclass(frozen=True)
@@ -123,16 +124,19 @@ def is_image(model: RotorModel, theta: ArrayLike, speed: float, s: complex) -> b
     return bool(lines[0] < (1 - 1e-6) * lines[1:].max())
 
 
-def whirls_forward(model: RotorModel, theta: ArrayLike, speed: float, s: ComplexArray) -> Bool:
-    """True for modes ``(modes,)`` that whirl with the rotation. In x and y a mode and its conjugate have one orbit; its
-    sense, from x to y or back, says it."""
+def whirl_sense(model: RotorModel, theta: ArrayLike, speed: float, s: ComplexArray) -> Index:
+    """1 for modes ``(modes,)`` that whirl with the rotation, -1 for those against it, 0 for those without a sense: that
+    do not oscillate, move along a line, or that no speed tells from their image. In x and y a mode and its conjugate
+    have one orbit; its sense, from x to y or back, says it."""
+    swings = np.abs(s.imag) > _SENSELESS * np.abs(s)
     if model.frame == "z":
-        return np.asarray(s.imag > 0)
+        return np.where(swings & model.speed_dependent, np.sign(s.imag), 0.0).astype(np.intp)
     _, shape, _ = mode_vectors(np.asarray(model.motion(theta, speed)), s)
     half = shape.shape[-1] // 2
     x, y = shape[:, :half], shape[:, half:]
-    turn = np.sum(np.abs(x + 1j * y) ** 2 - np.abs(x - 1j * y) ** 2, axis=1)
-    return np.asarray(turn * s.imag > 0)
+    ahead, back = (np.sum(np.abs(x + turn * y) ** 2, axis=1) for turn in (1j, -1j))
+    turns = np.abs(ahead - back) > _SENSELESS * (ahead + back)
+    return np.where(swings & turns, np.sign((ahead - back) * s.imag), 0.0).astype(np.intp)
 
 
 def growth_rate(model: RotorModel, theta: ArrayLike, speed: ArrayLike, band: float = math.inf) -> Float:

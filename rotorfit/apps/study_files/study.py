@@ -164,7 +164,11 @@ def modal_options(planes: Sequence[str], experiments: Sequence[Experiment]) -> d
     driven = {p for t in tests for p in t.force_plane[t.force != 0].tolist() if p in t.planes}
     names = tuple(planes) or tuple(sorted(size, key=lambda plane: (plane not in driven, -size[plane])))
     forced = tuple(dict.fromkeys(p for t in tests for p in t.force_plane[t.force != 0].tolist() if p in names))
-    measured = tuple(dict.fromkeys(p for t in tests for p in t.planes if p in names))
-    paired = all({"x", "y"} == set(t.direction[t.plane == p].tolist()) for t in tests for p in t.planes)
+    axes: dict[str, set[str]] = {}
+    for test in tests:
+        for plane in (plane for plane in test.planes if plane in names):
+            axes.setdefault(plane, set()).update(test.direction[test.plane == plane].tolist())
+    paired = all(own == {"x", "y"} for own in axes.values())
+    measured = tuple(axes)
     found = {"planes": names, "force_planes": forced, "probe_planes": measured}
     return {"gains": "probe" if paired else "plane", **{name: some for name, some in found.items() if some}}

@@ -40,6 +40,7 @@ from rotorfit.identify.fitting.noise.study import study_residuals
 from rotorfit.identify.fitting.problem_setup import as_tuple, build_problem, check_model, dry_run, each_of
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import FitSettings, PhaseOffsets
+from rotorfit.lab.data.experiments import perturbations
 from rotorfit.lab.data.findings import Finding
 from rotorfit.lab.data.joined import runs_apart
 from rotorfit.lab.data.rows import Experiment
@@ -203,7 +204,8 @@ def _solved(model: RotorModel, experiments: tuple[Experiment, ...], settings: Fi
     """The solved problem of a model, or those of its alternatives; of these, such as fit the data at all."""
     check_model(model)
     found: list[_Solved] = []
-    for one in model.alternatives or (model,):
+    rows = ((t, t.alike("plane", "direction")[0].tolist()) for t in perturbations(experiments))
+    for one in model.alternatives({(str(t.plane[k]), str(t.direction[k])) for t, first in rows for k in first}):
         try:
             problem = build_problem(one, experiments, settings)
             start = find_start(problem, settings.start)

@@ -236,8 +236,12 @@ def modes_at(fit: FitResult, speed: float) -> list[tuple[Quantity, Quantity]]:
     """Natural frequencies and damping ratios at a speed, of modes in the tested band, in the last condition; where no
     speed tells forward from backward, each once."""
     modes = fit.natural_frequencies(speed, _at(fit, len(fit.thetas) - 1))
-    once = not fit.model.speed_dependent
-    return [mode for mode in modes if abs(mode[0].value) <= fit.band and not (once and mode[0].value < 0)]
+    seen = [(w, zeta) for w, zeta in modes if abs(w.value) <= fit.band]
+    if fit.model.speed_dependent:
+        return seen
+    ahead = [mode for mode in seen if fit.model.frame == "xy" or mode[0].value >= 0]
+    each = {tuple(significant(abs(q.value), 9) for q in mode): mode for mode in ahead}  # but for round-off
+    return list(each.values())
 
 
 def decrement_of(ratio: Quantity) -> Quantity:
@@ -248,12 +252,12 @@ def decrement_of(ratio: Quantity) -> Quantity:
 def named_modes(modes: Sequence[tuple[Quantity, Quantity]], *, sensed: bool) -> list[tuple[str, Quantity, Quantity]]:
     """Frequency and damping ratio of modes by name: forward ``1F``, ``2F``, ..., backward ``1B``, ..., by frequency;
     without the sense, ``1``, where it is none of theirs."""
-    count = {"F": 0, "B": 0}
+    count = {"F": 0, "B": 0, "": 0}
     named = []
     for frequency, ratio in sorted(modes, key=lambda mode: abs(mode[0].value)):
-        way = "F" if frequency.value > 0 else "B"
+        way = "" if not sensed else "F" if frequency.value > 0 else "B"
         count[way] += 1
-        named.append((f"{count[way]}{way if sensed else ''}", frequency, ratio))
+        named.append((f"{count[way]}{way}", frequency, ratio))
     return named
 
 

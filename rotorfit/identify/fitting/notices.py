@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotorfit.identify.fitting.result import FitResult
+from rotorfit.lab.data.experiments import perturbations
 from rotorfit.lab.data.findings import Finding
 from rotorfit.models.shafts.shaft import Shaft
 
@@ -44,6 +45,8 @@ def _notes(fit: FitResult) -> Iterator[Finding]:
     for row in fit.causes.found:
         text = f"the data show {row.words}; {row.way_out}"
         yield Finding("note", "cause", text, remedy=row.way_out, origin="fit")
+    for text in _of_one_probe(fit):
+        yield Finding("note", "one-probe", text)
     for caveat in fit.model.caveats:
         yield Finding("note", "model", caveat, origin="model")
     for other in fit.other_solutions:
@@ -52,6 +55,19 @@ def _notes(fit: FitResult) -> Iterator[Finding]:
     reduced = structure_error(fit)
     if reduced is not None:
         yield Finding("note", "reduced", str(reduced), origin="model")
+
+
+def _of_one_probe(fit: FitResult) -> Iterator[str]:
+    """What planes that one probe reads do not tell, under forces that turn."""
+    axes: dict[str, set[str]] = {}
+    for test in (test.select(~test.linear) for test in perturbations(fit.experiments)):
+        for row in test.alike("plane", "direction")[0].tolist():
+            axes.setdefault(str(test.plane[row]), set()).add(str(test.direction[row]))
+    taken = "the orbit is taken for a circle" if fit.model.frame == "z" else "motion across is not known"
+    for axis in ("x", "y"):
+        if alone := [plane for plane, own in axes.items() if own == {axis}]:
+            unseen = "that x and y differ there, or a backward part, cannot show"
+            yield f"one probe, along {axis}, at {', '.join(alone)}: {taken}; {unseen}"
 
 
 def structure_error(fit: FitResult) -> StructureError | None:

@@ -23,6 +23,7 @@ from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.uncertainty.derived import DERIVED_DRAWS
 from rotorfit.identify.uncertainty.prediction import Prediction, along_and_across
 from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.models import RotorModel
 from rotorfit.models.motion.stability import growth_rate
 
 
@@ -185,21 +186,49 @@ def _planned(
     if force is not None and mr is not None:
         raise ValueError("give a force, N, or an unbalance mr, kg m, not both")
     where = _plane("force plane", force_plane, model.planes)
+    check_forced(model, where)
     drive = np.full(w.shape, 1.0 if force is None else force, dtype=complex) if mr is None else mr * w**2 + 0j
     if not (np.isfinite(drive).all() and drive.all()):
         raise ValueError("the force is zero or not finite: there is no response to predict")
-    read = "z" if model.frame == "z" else "x"
+    read = ("z" if model.frame == "z" else "x") if direction is None else direction
+    seen = where if plane is None else plane
+    check_read(model, seen, read)
     return PerturbationTest(
         run=np.full(w.shape, "prediction"),
         speed=speeds,
         frequency=w,
         force_plane=np.full(w.shape, where),
         force=drive,
-        plane=np.full(w.shape, _plane("plane", where if plane is None else plane, model.read_planes)),
-        direction=np.full(w.shape, read if direction is None else direction),
+        plane=np.full(w.shape, seen),
+        direction=np.full(w.shape, read),
         response=np.full(w.shape, 1e-9, dtype=complex),  # m, inside any clearance: to be predicted, none of it is used
         sigma=np.ones(w.shape),
         source="prediction",
+    )
+
+
+def check_forced(model: RotorModel, plane: str) -> None:
+    """Refuse a force of which the model does not know what it does."""
+    if not model.is_forced(plane):
+        known = ", ".join(one for one in model.planes if model.is_forced(one))
+        raise ValueError(
+            f"no force acted at {plane}: modes alone tell what forces do at {known} and nowhere else. Test with a "
+            f"force or a weight at {plane}, or fit a model with a structure (Chain, KnownStructure)"
+        )
+
+
+def check_read(model: RotorModel, plane: str, axis: str) -> None:
+    """Refuse motion that the model does not know; an empty axis stands for any."""
+    _plane("plane", plane, (*model.planes, *(name for name, _ in model.probes)))
+    seen = [one for one in ("z", "x", "y") if model.is_read(plane, one)]
+    if seen and (axis in seen or axis[-1:] not in ("x", "y")):
+        return
+    alone = {one: [axis for axis in ("x", "y") if model.is_read(one, axis)] for one in model.read_planes}
+    known = ", ".join(f"{one} along {axes[0]}" if len(axes) == 1 else one for one, axes in alone.items())
+    raise ValueError(
+        f"no probe read {f'{plane} along {axis[-1]}' if seen else plane}: modes alone tell how planes move where "
+        f"probes were, {known}. Choose one of these (plane=, --plane), put a probe there, or fit a model with a "
+        f"structure (Chain, KnownStructure), which says how {plane} moves with the others"
     )
 
 

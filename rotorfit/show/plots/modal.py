@@ -71,17 +71,18 @@ def plot_mode_shapes(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     """Gains of the probes in each mode, that at which all are normalised being one: real and imaginary part with 95 %
     errors, probes in the order of the data."""
     model = _modal(fit)
-    planes = [p for p in dict.fromkeys(p for test in fit.experiments for p in test.planes) if p in model.probe_planes]
+    read = [p for p in dict.fromkeys(p for test in fit.experiments for p in test.planes) if p in model.read_planes]
     axes_of = ("x", "y") if model.frame == "xy" else ("",)
     figure, axes = sheet.grid(
         model.modes, len(axes_of), "Mode shapes", size=(6.5 / len(axes_of), 1.9), one_abscissa=True
     )
-    places = np.arange(len(planes))
     handles = []
     for row in range(model.modes):
         tag = str(row + 1) if model.modes > 1 else ""
         for column, end in enumerate(axes_of):
             axis = axes[row, column]
+            planes = [plane for plane in read if model.is_read(plane, end or "z")]
+            places = np.arange(len(planes))
             for k, part in enumerate(("", "_im")):
                 names = ["_".join(n for n in (f"g{tag}", plane, end) if n) + part for plane in planes]
                 known = 1.0 - k  # gain of the first probe

@@ -16,7 +16,7 @@ from rotorfit.identify.fitting.propagation import theta_at
 from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.models import eigenvalues
-from rotorfit.models.motion.stability import whirls_forward
+from rotorfit.models.motion.stability import whirl_sense
 from rotorfit.show.plots import style
 from rotorfit.show.plots.journal import group_label, rig_of, speeds_of
 from rotorfit.show.plots.shaft_lines import turning_stability
@@ -32,6 +32,8 @@ _READS = (
     "the highest tested speed. Circles: fitted modes at tested speeds. Band at the threshold: its 95 % interval.",
 )
 
+_READS_SENSELESS = ("Sense unknown: no speed tells forward from backward here, each mode is drawn once.",)
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Modes:
@@ -39,7 +41,7 @@ class _Modes:
 
     speeds: Float  # rad/s, shape ``(S,)``
     s: ComplexArray  # eigenvalues, shape ``(S, modes)``
-    names: tuple[str, ...]  # 1F, 2F, ..., 1B, ... by frequency at the highest tested speed
+    names: tuple[str, ...]  # 1F, 2F, ..., 1B, ... by frequency at the highest tested speed; 1, 2 without a sense
     named_at: int  # place of that speed
     tested: Float  # rad/s
     onset: Quantity | None  # rad/s
@@ -58,16 +60,24 @@ class _Modes:
         ratios = np.where(np.isfinite(self.damping[at]), np.abs(self.damping[at]), np.inf)
         return int(np.argmin(ratios))
 
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """How to read the figure."""
+        if not self.s.size:
+            return ()
+        return _READS if any(name[-1] in "FB" for name in self.names) else _READS_SENSELESS
+
     def look(self, mode: int) -> dict[str, Any]:
         """Colour, style and width of a mode's line."""
-        number, way = int(self.names[mode][:-1]) - 1, self.names[mode][-1]
+        number, way = int(self.names[mode].rstrip("FB")) - 1, self.names[mode].lstrip("0123456789")
+        ahead = way != "B"
         if mode == self.critical:
-            return {"color": style.CRITICAL, "lw": 2.6, "ls": "-" if way == "F" else (0, (4, 2)), "zorder": 3}
-        others = [m for m in range(len(self.names)) if self.names[m][-1] == way and m != self.critical]
+            return {"color": style.CRITICAL, "lw": 2.6, "ls": "-" if ahead else (0, (4, 2)), "zorder": 3}
+        others = [m for m, name in enumerate(self.names) if name.lstrip("0123456789") == way and m != self.critical]
         rank = others.index(mode) if mode in others else number
-        colours = [c for c in (style.FORWARD if way == "F" else style.BACKWARD) if c != style.CRITICAL]
+        colours = [c for c in (style.FORWARD if ahead else style.BACKWARD) if c != style.CRITICAL]
         colour = colours[rank % len(colours)]
-        return {"color": colour, "lw": 1.5, "ls": "-" if way == "F" else (0, (4, 2)), "zorder": 2.5}
+        return {"color": colour, "lw": 1.5, "ls": "-" if ahead else (0, (4, 2)), "zorder": 2.5}
 
 
 @style.on_sheet
@@ -82,14 +92,14 @@ def plot_stability(fit: FitResult, *, sheet: style.Sheet, group: int = 0, beside
     modes = _followed(fit, group, beside)
     label = group_label(fit, group)
     title = f"{rig_of(fit)}: stability over speed" + (f", {style.literal(label)}" if label else "")
-    figure, axes = sheet.grid(1, 2, title, size=(3.54, 2.75), reads=_READS if modes.s.size else ())
+    figure, axes = sheet.grid(1, 2, title, size=(3.54, 2.75), reads=modes.reads)
     frequency, damping = axes[0]
     _campbell(sheet, frequency, modes)
     _damping(sheet, damping, modes)
     for axis in axes[0]:
         _beside(sheet, axis, modes)
     if beside is not None:
-        other = _modes(beside, group, modes.speeds, modes.named_at)
+        other, _ = _modes(beside, group, modes.speeds, modes.named_at)
         _another(sheet, axes[0], modes.speeds * sheet.per_rad_s, other, _onset_shown(beside, group))
         style.legend_below(figure, {_beside_words(sheet, beside, group): {"color": style.INK, "lw": 1.1, "ls": ":"}})
     return figure
@@ -144,11 +154,11 @@ def _followed(fit: FitResult, group: int, beside: FitResult | None = None) -> _M
     top = top if other is None else max(top, min(1.1 * other.value, 2.5 * top))
     speeds = np.union1d(np.linspace(0.0, top, 400), tested)
     named_at = int(np.argmin(np.abs(speeds - tested.max(initial=0.0))))
-    s = _modes(fit, group, speeds, named_at)
+    s, senses = _modes(fit, group, speeds, named_at)
     order = np.argsort(np.abs(s[named_at].imag))
-    count, names = {"F": 0, "B": 0}, [""] * s.shape[1]
+    count, names = {"F": 0, "B": 0, "": 0}, [""] * s.shape[1]
     for mode in order.tolist():
-        way = "F" if s[named_at, mode].imag > 0 else "B"
+        way = {1: "F", -1: "B", 0: ""}[int(senses[mode])]
         count[way] += 1
         names[mode] = f"{count[way]}{way}"
     return _Modes(speeds=speeds, s=s, names=tuple(names), named_at=named_at, tested=tested, onset=onset)
@@ -158,7 +168,9 @@ def _campbell(sheet: style.Sheet, axis: Any, modes: _Modes) -> None:
     """Signed frequency of each mode."""
     x, w = modes.speeds * sheet.per_rad_s, modes.s.imag * sheet.per_rad_s
     span = 1.25 * np.nanmax(np.abs(w), initial=1e-9)
-    axis.set(title=f"Whirl frequency, {sheet.rate_unit}", ylim=(-span, span))
+    axis.set(
+        title=f"Whirl frequency, {sheet.rate_unit}", ylim=(0.0 if modes.reads == _READS_SENSELESS else -span, span)
+    )
     labels = []
     for mode, name in enumerate(modes.names):
         look = modes.look(mode)
@@ -289,10 +301,10 @@ def _nearest(speeds: Float, to: Float) -> Index:
     return np.searchsorted((speeds[1:] + speeds[:-1]) / 2, to)
 
 
-def _modes(fit: FitResult, group: int, speeds: Float, at: int) -> ComplexArray:
-    """Eigenvalues of the rotor with the causes that were found, up to the band, at each speed; each column those of one
-    mode, with the sign of its whirl at one of the speeds: in x and y one of each conjugate pair."""
-    theta = theta_at(fit, group, float(speeds[at]))
+def _modes(fit: FitResult, group: int, speeds: Float, at: int) -> tuple[ComplexArray, Index]:
+    """Eigenvalues of the rotor with the causes that were found, up to the band, at each speed, and the senses of the
+    modes: each column those of one mode, with the sign of its whirl at one of the speeds, in x and y one of each
+    conjugate pair. A mode that does not swing there, as at rest, has the sense of its whirl at the highest speed."""
     s = eigenvalues(fit.model, np.array([theta_at(fit, group, speed) for speed in speeds.tolist()]), speeds)
     for k in range(1, len(s)):
         guess = s[k - 1] if k == 1 else 2 * s[k - 1] - s[k - 2]
@@ -300,11 +312,17 @@ def _modes(fit: FitResult, group: int, speeds: Float, at: int) -> ComplexArray:
     s = np.where(np.abs(s) <= fit.stability_band, s, complex(np.nan, np.nan))
     s = s[:, np.isfinite(s).any(axis=0)]
     s = s + _shifts(fit, group, speeds, s, at)
-    if fit.model.frame != "xy":
-        return s
-    s = s[:, s[at].imag >= 0]
-    forward = whirls_forward(fit.model, theta, float(speeds[at]), s[at])
-    return np.asarray(s.real + 1j * np.where(forward, 1.0, -1.0) * np.abs(s.imag))
+    if fit.model.frame == "xy" or not fit.model.speed_dependent:
+        s = s[:, s[at].imag >= 0]
+    if not fit.model.speed_dependent:
+        s = s[:, np.sort(np.unique(s[at].round(9), return_index=True)[1])]
+    there, last = (
+        whirl_sense(fit.model, theta_at(fit, group, float(speeds[k])), float(speeds[k]), s[k]) for k in (at, -1)
+    )
+    senses = np.where(there == 0, last, there)
+    if fit.model.frame == "xy":
+        s = np.asarray(s.real + 1j * np.where(senses < 0, -1.0, 1.0) * np.abs(s.imag))
+    return s, senses
 
 
 def _shifts(fit: FitResult, group: int, speeds: Float, s: ComplexArray, at: int) -> ComplexArray:

@@ -66,7 +66,7 @@ def _decrements(sheet: style.Sheet, report: StabilityReport, axis: Any) -> None:
     modes = sorted(report.modes, key=lambda mode: mode.frequency)
     at = sheet.rate_words(report.running[1])
     shown = [
-        replace(curve, label=f"{mode.direction} mode, {sheet.rate_words(abs(mode.frequency))} at {at}")
+        replace(curve, label=curve.label.split(",")[0] + f", {sheet.rate_words(abs(mode.frequency))} at {at}")
         for curve, mode in zip(report.decrement, modes, strict=True)
         if np.min(curve.y) < damped
     ]

@@ -21,7 +21,7 @@ from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.structure.coefficients import central_differences
 from rotorfit.models import Modal, RotorModel, eigenvalues
 from rotorfit.models.motion.modes import VibrationMode, modal_assurance, vibration_modes
-from rotorfit.models.motion.stability import eigenvalue_gradient, is_image, whirls_forward
+from rotorfit.models.motion.stability import eigenvalue_gradient, is_image, whirl_sense
 from rotorfit.models.parameters import MATRIX_UNITS
 from rotorfit.models.shafts.angular_rates import angular_rate
 
@@ -212,7 +212,7 @@ def natural_frequencies(fit: FitResult, speed: float, at: Mapping[str, Any] | No
         solved = fit.settings.solved
         by_causes = eigenvalue_slopes(model, theta, speed, found, solved) if solved else np.zeros(0, dtype=complex)
         s = found + back + (by_causes @ solved.errors.value if solved else 0.0)
-        turn = -1.0 if model.frame == "xy" and not whirls_forward(model, theta, speed, np.array([found]))[0] else 1.0
+        turn = -1.0 if model.frame == "xy" and whirl_sense(model, theta, speed, np.array([found]))[0] < 0 else 1.0
         frequency = propagated(
             fit, group, turn * s.imag, turn * by_theta.imag, "rad/s", speed=speed, by_causes=turn * by_causes.imag
         )

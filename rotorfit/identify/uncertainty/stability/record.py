@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 SENSITIVITY = "sensitivity function"
 _CITED_SENSITIVITY = "limit of the sensitivity function: 3 is cited as zone A of ISO 14839-3, not checked there"
+DIRECTIONS = {1: "forward", -1: "backward", 0: "sense unknown"}
+"""Of modes, by their sense."""
 _CITED = "as published programs cite API 617 and 684, not checked against the standards"
 
 
@@ -64,7 +66,7 @@ class ModeDamping:
     decrement: float  # logarithmic decrement, with its interval
     interval: tuple[float, float]  # of the decrement
     damping_ratio: float  # share of critical damping
-    direction: str  # ``forward`` or ``backward``
+    direction: str  # ``forward``, ``backward``, or ``sense unknown`` where no speed tells
 
     @property
     def overdamped(self) -> bool:
@@ -221,4 +223,4 @@ class StabilityReport(Tabled):
             cells = ["", "", "overdamped, no resonance"] if mode.overdamped else cells
             frequency = significant(abs(mode.frequency) * RPM_PER_RAD_S, 5)
             rows.append([frequency, mode.direction, significant(mode.damping_ratio, 3), *cells])
-        return Table(rows, ">10 <9 >13 >14 >20 <1")
+        return Table(rows, f">10 <{max([9, *(len(mode.direction) for mode in self.modes)])} >13 >14 >20 <1")

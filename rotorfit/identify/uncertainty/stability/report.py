@@ -17,7 +17,7 @@ from rotorfit.base.units import RPM_PER_RAD_S, in_rad_s
 from rotorfit.estimators.inference.identifiability import UNSEEN_CHANGE
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.uncertainty.derived import DERIVED_DRAWS, SHAFT_DRAWS
-from rotorfit.identify.uncertainty.predict import extrapolation
+from rotorfit.identify.uncertainty.predict import check_forced, check_read, extrapolation
 from rotorfit.identify.uncertainty.stability.record import Criterion, StabilityReport
 from rotorfit.identify.uncertainty.stability.rotors import Rotors, drawn_rotors, has_planes, rotors_of, unseen_rotors
 from rotorfit.identify.uncertainty.stability.task import Limits, Question, Task
@@ -141,8 +141,10 @@ def _seen(fit: FitResult, plane: str | None, unbalance: Mapping[str, float], lim
             "(unbalance_g_mm=, --unbalance)"
         )
     seen = next(iter(unbalance), "") if plane is None else plane
-    if plane is not None and plane not in fit.model.read_planes:
-        raise ValueError(unknown_name("plane", plane, fit.model.read_planes))
+    for where in unbalance:
+        check_forced(fit.model, where)
+    if seen:
+        check_read(fit.model, seen, "")
     return seen
 
 

@@ -19,7 +19,7 @@ from rotorfit.models import RotorModel, eigenvalues
 from rotorfit.models.coefficient_tables import loop_stiffness
 from rotorfit.models.line_terms import Weights
 from rotorfit.models.motion.neglected_terms import LeftOut, eigenvalues_with
-from rotorfit.models.motion.stability import counted, spectrum, whirls_forward
+from rotorfit.models.motion.stability import counted, spectrum, whirl_sense
 
 _BLOCK = 1 << 19
 """Numbers that the coefficients of all rotors of a block hold at all speeds, eight megabytes."""
@@ -66,19 +66,24 @@ class Rotors:
         return self._with_terms(motion, speed, matched(spectrum(self.model, motion), reference))
 
     def modes(self, speed: float) -> ComplexArray:
-        """Modes of the first rotor by itself that count, in order of frequency."""
+        """Modes of the first rotor by itself that count, in order of frequency: in x and y one of each pair, and each
+        once where no speed tells forward from backward."""
         found = eigenvalues(self.model, self.theta[0], speed)
         found = found[counted(self.model, found, self.band)]
-        if self.model.frame == "xy":
+        if self.model.frame == "xy" or not self.model.speed_dependent:
             found = found[found.imag >= 0]
-        return np.asarray(found[np.argsort(found.imag)])
+        found = found[np.argsort(found.imag)]
+        if self.model.speed_dependent or not found.size:
+            return np.asarray(found)
+        again = np.abs(np.diff(found)) < 1e-9 * np.abs(found[1:])  # but for round-off
+        return np.asarray(found[np.concatenate([[True], ~again])])
 
     def least_decrement(self, speed: float) -> Float:
-        """Logarithmic decrement of the least stable forward mode of each rotor, shape ``(W,)``."""
+        """Logarithmic decrement of the least stable forward mode of each rotor, of all where no speed tells forward
+        from backward, shape ``(W,)``."""
         reference = self.modes(speed)
-        forward = whirls_forward(self.model, self.theta[0], speed, reference)
-        if not self.model.speed_dependent:  # the sense of rotation is not known
-            forward = np.full(reference.size, True)
+        forward = whirl_sense(self.model, self.theta[0], speed, reference) >= 0
+        forward |= not self.model.speed_dependent
         if not forward.any():
             return np.full(len(self.theta), np.inf)
         return np.asarray(decrement(self.eigenvalues(speed, reference)[:, forward]).min(axis=1))

@@ -16,9 +16,9 @@ from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.uncertainty.derived import onsets_of
-from rotorfit.identify.uncertainty.stability.record import SENSITIVITY, Curve, ModeDamping
+from rotorfit.identify.uncertainty.stability.record import DIRECTIONS, SENSITIVITY, Curve, ModeDamping
 from rotorfit.identify.uncertainty.stability.rotors import Rotors, decrement
-from rotorfit.models.motion.stability import threshold_speeds, whirls_forward
+from rotorfit.models.motion.stability import threshold_speeds, whirl_sense
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,11 +81,12 @@ class Task:
 
     def decrement_question(self, limit: float, coupling: Mapping[str, float], words: str = "") -> Question:
         """Decrement of the least stable forward mode."""
+        forward = "forward " * self.fit.model.speed_dependent
 
         def ask(rotors: Rotors) -> tuple[Float, float]:
             return (rotors.coupled(coupling) if coupling else rotors).least_decrement(self.running[1]), limit
 
-        name = f"log. decrement of the least stable forward mode{words}"
+        name = f"log. decrement of the least stable {forward}mode{words}"
         return Question(name=name, source="log. decrement", ask=ask)
 
     def threshold_question(self, limit: float) -> Question:
@@ -136,16 +137,16 @@ class Task:
         reference = one.modes(speed)
         values = one.eigenvalues(speed, reference)[0]  # with the causes, as the bands
         bands = self.quantiles(decrement(many.eigenvalues(speed, reference))).T
-        forward = whirls_forward(self.fit.model, one.theta[0], speed, reference)
+        senses = whirl_sense(self.fit.model, one.theta[0], speed, reference)
         found = [
             ModeDamping(
                 frequency=float(s.imag),
                 decrement=float(decrement(np.array(s))),
                 interval=(float(band[0]), float(band[1])),
                 damping_ratio=float(-s.real / abs(s)),
-                direction="forward" if ahead else "backward",
+                direction=DIRECTIONS[sense],
             )
-            for s, band, ahead in zip(values, bands, forward, strict=True)
+            for s, band, sense in zip(values, bands, senses.tolist(), strict=True)
         ]
         return tuple(sorted(found, key=lambda mode: mode.decrement))
 
@@ -155,7 +156,7 @@ class Task:
         margin_of_curves = 1.25  # highest speed of curves, over the highest running or tested speed
         speeds = np.linspace(0.1, 1.0, 28) * margin_of_curves * max(top, float(self.fit.speeds.max(initial=0.0)))
         start = one.modes(top)
-        forward = whirls_forward(self.fit.model, one.theta[0], top, start)
+        senses = whirl_sense(self.fit.model, one.theta[0], top, start)
         values, bands = np.zeros((speeds.size, start.size)), np.zeros((speeds.size, start.size, 2))
         first = int(np.argmin(np.abs(speeds - top)))
         for order in (range(first, speeds.size), range(first - 1, -1, -1)):
@@ -165,7 +166,7 @@ class Task:
                 values[k] = decrement(last)
                 bands[k] = self.quantiles(decrement(few.eigenvalues(float(speeds[k]), last))).T
         at = f"at {top * RPM_PER_RAD_S:.0f} rpm"
-        names = [f"{'forward' if ahead else 'backward'} mode" for ahead in forward]
+        names = [f"{DIRECTIONS[sense]} mode" if sense else "mode" for sense in senses.tolist()]
         labels = [f"{n}, {abs(s.imag) * RPM_PER_RAD_S:.0f} rpm {at}" for n, s in zip(names, start, strict=True)]
         return tuple(Curve(label=label, x=speeds, y=values[:, k], band=bands[:, k]) for k, label in enumerate(labels))
 
