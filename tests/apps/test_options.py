@@ -51,6 +51,7 @@ SETTINGS = {
     "max_iterations": 1000,
     "undo": ("lag-as-lead", "probes-turned (journal by 45)"),
     "refine": True,
+    "despite_errors": True,
     "baseline": "dry.csv",
     "stator_mass_kg": 12.5,
     "calibration": {"probe_gain": 0.01},

@@ -270,3 +270,18 @@ def test_resonances_and_antiresonances_between_two_lines_are_no_half_turn(dampin
 def told_by_one_probe(test: PerturbationTest) -> PerturbationTest:
     """The x probes alone, phases of their FRF given as lag: no orbit gives it away."""
     return replace(test, response=test.response.conj(), force=test.force.conj()).select(test.direction == "x")
+
+
+def test_blocks_of_structure_do_not_follow_an_error_unless_asked(
+    tmp_path: Path, run: Callable[..., tuple[int, str, str]], rig: PerturbationTest
+) -> None:
+    file = tmp_path / "slip.csv"
+    few = thinned(rig, 2)
+    rf.write(replace(few, response=np.where(few.run == few.runs[2], 2.0, 1.0) * few.response), file)
+    words = ("fit", file, "--model", "whirl-whip", "--known", "K3=6000", "--refine", "--no-causes")
+    _, out, err = run(*words)
+    assert "structural refinement" not in out
+    assert "not refined" in err
+    _, out, err = run(*words, "--despite-errors")
+    assert "structural refinement" in out
+    assert "not refined" not in err

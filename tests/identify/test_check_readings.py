@@ -28,7 +28,7 @@ def test_readings_that_are_not_finite(rig: PerturbationTest, column: str) -> Non
     assert finding.severity == "error"
     assert finding.rows == (5, 77)
     assert str(finding).startswith("error [not-finite] Not finite: 2 readings; remove them")
-    assert str(finding).endswith(" Readings 6, 78.")  # counted from 1
+    assert " Readings 6, 78. (" in str(finding)  # counted from 1
 
 
 def rounded(test: PerturbationTest, step: float) -> PerturbationTest:

@@ -423,7 +423,10 @@ def test_refinement_is_advised_only_where_it_is_not_refused():
     for name, fit in fits.items():
         (limited,) = [warning for warning in fit.warnings if "limits this fit" in warning]
         advised[name] = "rf.refine" in limited
-    assert advised == {"one plane": False, "open": False, "complete": True}
+    again = replace(fits["complete"].settings.asked, refined=True)  # whose blocks were chosen
+    (limited,) = [text for text in fitted(WhirlWhip(), [rig], again).warnings if "limits this fit" in text]
+    advised["refined"] = "rf.refine" in limited
+    assert advised == {"one plane": False, "open": False, "complete": True, "refined": False}
     assert any("what the data leave open first (K3, K0)" in warning for warning in fits["open"].warnings)
     for name in ("one plane", "open"):
         with refuses(ValueError):

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+from clean_rigs import clean_test
 from plain import plain_fit
 from sentences import refuses
+from slips import thinned
 
 import rotorfit as rf
 from rotorfit.identify.diagnosis.data_errors import undone
@@ -71,3 +75,90 @@ def test_an_error_that_leaves_the_scale_open_is_not_undone(table: pd.DataFrame) 
     assert found == [("unbalance-as-constant", None)]
     with refuses(ValueError):
         undone(fit.experiments, ["unbalance-as-constant"])
+
+
+def in_run(test: rf.PerturbationTest, changed: rf.PerturbationTest) -> rf.PerturbationTest:
+    """One run of eight with the error alone."""
+    bad = test.run == test.runs[2]
+    columns = ("frequency", "force", "response", "direction")
+    return replace(test, **{name: np.where(bad, getattr(changed, name), getattr(test, name)) for name in columns})
+
+
+OF_ONE_RUN = {
+    "exchanged": (lambda test: replace(test, direction=np.where(test.direction == "x", "y", "x")), "both"),
+    "inverted": (lambda test: replace(test, response=np.where(test.direction == "y", -1, 1) * test.response), "both"),
+    "exchanged at one plane": (
+        lambda test: replace(
+            test, direction=np.where(test.plane == "disk", np.where(test.direction == "x", "y", "x"), test.direction)
+        ),
+        "disk",
+    ),
+    "whirl": (lambda test: replace(test, frequency=-test.frequency), "both"),
+}
+
+
+@pytest.mark.parametrize("slip", list(OF_ONE_RUN))
+def test_probes_of_one_run_are_put_right(slip: str) -> None:
+    rig = thinned(rf.datasets.rig_open(), 4)
+    wrong = in_run(rig, OF_ONE_RUN[slip][0](rig))
+    fit = plain_fit(rf.models.WhirlWhip(), wrong, known=KNOWN)
+    named = [found for found in fit.findings if found.correction]
+    assert all(f'--undo "{found.correction}"' in found.words for found in named)
+    assert rig.runs[2] in str(named[0].correction)
+    (mended,) = undone([wrong], [str(named[0].correction)])
+    again = plain_fit(rf.models.WhirlWhip(), mended, known=KNOWN)
+    assert again.redchi == pytest.approx(plain_fit(rf.models.WhirlWhip(), rig, known=KNOWN).redchi, rel=1e-6)
+
+
+def along_x(test: rf.PerturbationTest) -> rf.PerturbationTest:
+    return test.select(test.direction == "x")
+
+
+def with_zeros(test: rf.PerturbationTest) -> rf.PerturbationTest:
+    response = test.response.copy()
+    response[[100, 101, 300]] = 0.0
+    return replace(test, response=response)
+
+
+SHOWN_BY_DATA: dict[str, tuple[Any, Any]] = {
+    "conjugated": (
+        lambda test: replace(along_x(test).with_forces(np.conj), response=along_x(test).response.conj()),
+        along_x,
+    ),
+    "half-turn": (lambda test: replace(along_x(test), force=-along_x(test).force), along_x),
+    "sigma": (
+        lambda test: replace(test, sigma=np.where(test.speed == 0, 1e-7, -1.0)),
+        lambda test: replace(test, sigma=np.full(len(test), np.nan)),
+    ),
+    "zero": (with_zeros, lambda test: test.select(np.isin(np.arange(len(test)), [100, 101, 300], invert=True))),
+    "not-finite": (
+        lambda test: replace(test, response=np.where(np.arange(len(test)) == 5, np.nan, test.response)),
+        lambda test: test.select(np.arange(len(test)) != 5),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", list(SHOWN_BY_DATA))
+def test_what_data_show_themselves_is_undone_by_its_name(name: str) -> None:
+    rig = rf.datasets.rig_open()
+    slip, right = (part(rig) for part in SHOWN_BY_DATA[name])
+    (found,) = [one for one in rf.check(slip) if one.severity == "error"]
+    assert found.correction == name
+    (mended,) = undone([slip], [name])
+    assert isinstance(mended, rf.PerturbationTest)
+    for column in ("frequency", "force", "response", "sigma", "direction"):
+        np.testing.assert_array_equal(getattr(mended, column), getattr(right, column))
+
+
+def test_the_sense_of_rotation_is_turned_round() -> None:
+    """The rotor seen from its other end: what turned from x to y turns from y to x, and so do both kinds of forces."""
+    test = clean_test("one-mode", 3)
+    seen = replace(
+        test, frequency=-test.frequency, response=np.where(test.direction == "y", -test.response, test.response)
+    )
+    (found,) = [one for one in rf.check(seen) if one.severity == "error"]
+    (mended,) = undone([seen], [str(found.correction)])
+    assert isinstance(mended, rf.PerturbationTest)
+    np.testing.assert_array_equal(mended.frequency, test.frequency)
+    np.testing.assert_array_equal(mended.response, test.response)
+    assert [one for one in rf.check(mended) if one.severity == "error"] == []

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from recorded import ATTRIBUTES, RATE, notch, shaft_angle, volts, write_hdf5
+from recorded import ATTRIBUTES, RATE, SETUP, notch, shaft_angle, volts, write_hdf5
 from sentences import refuses
 
 import rotorfit as rf
@@ -98,6 +99,48 @@ def test_exchanged_probes_and_a_perturbator_that_turns_the_other_way_are_told_ap
     both = {f"{plane}_{axis}": exchanged[f"disk_{axis}"] for plane in ("disk", "journal") for axis in "XY"}
     marks = {name: channels[name] for name in channels if name.startswith("key")}
     assert set(codes(tmp_path, {**both, **marks})) == {"rotation-sense"}
+
+
+def clipped(channels: dict[str, Float]) -> dict[str, Float]:
+    return {**channels, "disk_Y": np.clip(channels["disk_Y"], -10.2, -9.8)}
+
+
+def crossed(channels: dict[str, Float]) -> dict[str, Float]:
+    return {**channels, "disk_X": channels["disk_Y"], "disk_Y": channels["disk_X"]}
+
+
+@pytest.mark.parametrize(("slip", "whirl"), [(clipped, "forward"), (crossed, "forward"), (dict, "backward")])
+def test_the_lines_that_a_finding_gives_for_rig_toml_mend_it(
+    tmp_path: Path, slip: Callable[[dict[str, Float]], dict[str, Float]], whirl: str
+) -> None:
+    path = write_hdf5(tmp_path / "run.h5", slip(volts()), {**ATTRIBUTES, "whirl": whirl})
+    (error,) = [finding for finding in rf.read_recording(path).findings if finding.severity == "error"]
+    _, _, line = error.message.partition('[[run]] and file = "run.h5": ')
+    setup = tmp_path / "rig.toml"
+    setup.write_text(f'[[run]]\nfile = "run.h5"\n{line}\n')
+    mended = rf.read_recording(path, setup)
+    assert {finding.code for finding in mended.findings} <= {"setup-contradicts-file"}  # which says whirl otherwise
+    right = rf.read_recording(write_hdf5(tmp_path / "right.h5", volts()))
+    assert repr(mended.force) == repr(right.force)  # NaN stands for what is not given
+    for probe in mended.probes:
+        (same,) = [one for one in right.probes if one.angle == probe.angle]
+        seen, true = mended.displacement(probe, 0, 5000), right.displacement(same, 0, 5000)
+        np.testing.assert_allclose(seen - seen.mean(), true - true.mean(), atol=1e-7)
+
+
+def test_a_rig_turned_with_all_its_probes_is_the_same_rig(tmp_path: Path) -> None:
+    """Probes and Keyphasor probes 30 degrees further round: readings and forces turn by as much."""
+    path = write_hdf5(tmp_path / "run.h5", volts(), ATTRIBUTES)
+    setup = tmp_path / "rig.toml"
+    turned = SETUP.replace("angle_deg = 0.0", "angle_deg = 30.0").replace("angle_deg = 90.0", "angle_deg = 120.0")
+    for mark in ("shaft", "perturbator"):
+        turned = turned.replace(f'channel = "keyphasor_{mark}"', f'channel = "keyphasor_{mark}"\nangle_deg = 30.0')
+    setup.write_text(turned)
+    one, other = (rf.responses([rf.read_recording(path, given)]) for given in (None, setup))
+    along = [test.select(test.direction == "x") for test in (one, other)]
+    kappa = [test.force / test.response for test in along]
+    np.testing.assert_allclose(kappa[1], kappa[0], rtol=0.04)  # circles but for the noise, most at the slow end
+    assert np.angle(along[1].force[0] / along[0].force[0], deg=True) == pytest.approx(30.0)
 
 
 @pytest.mark.parametrize("seconds", [4.0, 200.0])

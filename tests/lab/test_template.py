@@ -37,7 +37,9 @@ def test_a_template_to_fill_in_is_refused_until_it_is(tmp_path: Path) -> None:
     path = write_hdf5(tmp_path / "run.h5", volts(), {})
     setup = tmp_path / "rig.toml"
     text = template(path)
-    assert text.count("FILL IN") == 9  # rate, four of two probes, the force and three of its keys, how to
+    assert (
+        text.count("FILL IN") == 11
+    )  # rate, four of two probes, of two marks, the force and three of its keys, how to
     setup.write_text(text)
     with refuses(ValueError):
         rf.read_recording(path, setup)

@@ -85,19 +85,12 @@ def identify(
         calibration=calibration_of(study.calibration),
         **_settings(study) | {"known": known},
     )
-    refinement = None
-    if study.refine:
-        progress("refining the structure")
-        refinement = refine(result)
     outcome = Outcome(
-        study=study,
-        experiments=experiments,
-        findings=findings,
-        closed=closed,
-        fit=result,
-        ranking=ranking,
-        refinement=refinement,
+        study=study, experiments=experiments, findings=findings, closed=closed, fit=result, ranking=ranking
     )
+    if study.refine and (study.despite_errors or not outcome.data_errors):
+        progress("refining the structure")
+        outcome = replace(outcome, refinement=refine(result))
     return _with_uncertainty(outcome, progress, checkpoint, executor) if outcome.best.success else outcome
 
 

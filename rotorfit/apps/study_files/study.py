@@ -35,6 +35,12 @@ class Study(StudyOptions):
     out: Path | None = None  # folder for the results, nothing is written without one
 
 
+_NOT_REFINED = (
+    " The structure was not refined, since blocks of it would follow the error of the data: undo that first, or refine "
+    "all the same (despite_errors = true, --despite-errors)."
+)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Outcome:
     """Result of a study."""
@@ -72,7 +78,8 @@ class Outcome:
     def failure(self) -> str:
         """Errors of the data and searches that did not converge, in words; empty where all is well."""
         if self.data_errors:
-            return error_sentence(self.data_errors)
+            left_out = _NOT_REFINED if self.study.refine and self.refinement is None else ""
+            return f"{error_sentence(self.data_errors)}{left_out}"
         if not self.best.success:
             return f"the fit did not converge: {self.best.message}"
         if self.posterior is not None and not self.posterior.converged:

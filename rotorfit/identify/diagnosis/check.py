@@ -4,8 +4,9 @@ read it with a warning of them."""
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
-from functools import wraps
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial, wraps
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, Unpack, overload
 
 import numpy as np
@@ -72,7 +73,70 @@ def check(test: Experiment) -> list[Finding]:
     if finite.size:
         rest = test if finite.size == len(test) else test.select(finite)
         findings += [found.at_rows(finite) for found in _of_its_kind(rest)]
-    return errors_first(findings)
+    named = (replace(found, correction=found.code) if _can_do_without(test, found) else found for found in findings)
+    return errors_first(named)
+
+
+def _can_do_without(test: Experiment, found: Finding) -> bool:
+    return found.severity == "error" and found.code in _LEFT_OUT and 0 < len(found.rows) < len(test)
+
+
+def mended(test: Experiment, findings: Sequence[Finding]) -> Experiment:
+    """A test without the errors of findings that have one name to undo them by."""
+    if any(found.code in _LEFT_OUT for found in findings):
+        keep = np.ones(len(test), dtype=bool)
+        keep[[row for found in findings for row in found.rows]] = False
+        return test.select(keep)
+    for found in findings:
+        rows = np.isin(np.arange(len(test)), found.rows)
+        test = test.corrected(partial(_MENDED[str(found.correction)], rows=rows, found=found))
+    return test
+
+
+_LEFT_OUT = frozenset(
+    {"not-finite", "no-force", "no-orbit", "no-load", "zero", "clipped", "dead-probe", "turned-lines"}
+)
+"""Codes of errors of some readings, which are left out to undo them."""
+
+
+def _of_unknown_noise(test: PerturbationTest, rows: Bool, found: Finding) -> PerturbationTest:
+    return replace(test, sigma=np.where(rows, np.nan, test.sigma))
+
+
+def _forces_along(test: PerturbationTest, rows: Bool, found: Finding) -> PerturbationTest:
+    """Forces that turn or not as the remedy says, ``force_direction x``."""
+    axis = str(found.remedy).rpartition(" ")[2]
+    return replace(test, force_direction=np.where(rows, axis, test.force_direction))
+
+
+def _of_lag(test: PerturbationTest, rows: Bool, found: Finding) -> PerturbationTest:
+    """Phases of lag in the runs that show it; the finding counts readings at the force alone."""
+    own = np.isin(test.run, test.run[rows])
+    turned = test.with_forces(lambda force: np.where(own, force.conj(), force))
+    return replace(turned, response=np.where(own, test.response.conj(), test.response))
+
+
+def _turned_half(test: PerturbationTest, rows: Bool, found: Finding) -> PerturbationTest:
+    own = np.isin(test.run, test.run[rows])
+    return test.with_forces(lambda force: np.where(own, -force, force))
+
+
+def _mirrored(test: PerturbationTest, rows: Bool, found: Finding) -> PerturbationTest:
+    """The other sense of rotation: y counted the other way, and with it the sense in which forces turn."""
+    y, z = (np.char.endswith(test.direction, axis) for axis in "yz")
+    response = np.where(y, -test.response, np.where(z, test.response.conj(), test.response))
+    return replace(test, frequency=-test.frequency, response=response)
+
+
+_MENDED: Mapping[str, Callable[..., PerturbationTest]] = {
+    "sigma": _of_unknown_noise,
+    "linear-force": _forces_along,
+    "turning-force": _forces_along,
+    "conjugated": _of_lag,
+    "half-turn": _turned_half,
+    "reversed-rotation": _mirrored,
+}
+"""How errors are undone that tests show themselves, by the names that their findings give."""
 
 
 def _of_its_kind(test: Experiment) -> Iterator[Finding]:
@@ -130,7 +194,7 @@ def _numbers(test: Experiment, finite: Bool) -> Iterator[Finding]:
     sigma = getattr(test, "sigma", np.array([1.0]))
     if (sigma <= 0).any():
         text = f"The noise sigma is not positive in {(sigma <= 0).sum()} rows; NaN stands for unknown noise."
-        yield Finding("error", "sigma", text, rows_of(sigma <= 0))
+        yield Finding("error", "sigma", text, rows_of(sigma <= 0), remedy="leave it out", correction="sigma")
     still = test.unforced
     if not still.any():
         return

@@ -7,7 +7,7 @@ error undone (:mod:`rotorfit.identify.diagnosis.findings`). A new error of this 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations, islice
@@ -18,6 +18,7 @@ import numpy as np
 from rotorfit.base.array_types import Float, Index
 from rotorfit.base.names import unknown_name
 from rotorfit.base.units import RPM_PER_RAD_S
+from rotorfit.identify.diagnosis.check import check, mended
 from rotorfit.identify.diagnosis.orbits import Orbits, orbits_of_tests, total_power
 from rotorfit.identify.diagnosis.probe_filters import FilteredProbe
 from rotorfit.identify.diagnosis.probe_pairs import uneven_planes
@@ -55,6 +56,8 @@ _PAIRS = {
     "exchanged and both inverted": (True, (-1.0, -1.0)),
 }
 """How a pair of probes mirrors orbits: whether directions are under each other's names, and signs of x and y."""
+
+_CABLES = " (between x and y, at 45 and 135 degrees, their cables may be exchanged)"
 
 Correction = Callable[[PerturbationTest], PerturbationTest]
 
@@ -116,29 +119,56 @@ def backward_angles(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
 
 
 def mirrored_orbits(orbits: Sequence[Orbits]) -> Iterator[DataError]:
-    """Pairs of probes, or phases, that make orbits turn the wrong way round; such motion a fit does not see at all."""
-    against: dict[str, bool] = {}
+    """Pairs of probes, or phases, that make orbits turn the wrong way round; such motion a fit does not see at all.
+    They do so in all runs, or in some alone, whose cables were exchanged or whose force turned the other way."""
+    power: dict[tuple[str, str], list[float]] = {}
     for one in orbits:
-        for (plane,), at in one.groups("plane"):
+        for key, at in one.groups("plane", "run"):
             some = at[one.paired[at]]
-            against[plane] = bool(some.size) and total_power(one.wrong[some]) > total_power(one.right[some])
-    if not any(against.values()):
-        return
-    yield DataError(
-        code="lag-as-lead",
-        message="phases of lag are given as lead",
-        undo="give phase_lag_deg and force_phase_lag_deg in place of phase_deg and force_phase_deg",
-        correct=lambda test: replace(test.with_forces(np.conj), response=test.response.conj()),
-    )
-    planes = [plane for plane, wrong in against.items() if wrong]
+            if some.size:
+                power[key] = [total_power(part[some]) for part in (one.right, one.wrong)]
+    against = {key: wrong > right for key, (right, wrong) in power.items()}
+    planes = dict.fromkeys(plane for plane, _ in against)
+    by_runs: dict[tuple[str, ...], list[str]] = {}  # planes by the runs in which they are against; all runs: none named
+    for plane in planes:
+        own = {run: wrong for (at, run), wrong in against.items() if at == plane}
+        right, wrong = (sum(power[plane, run][k] for run in own) for k in (0, 1))
+        runs = () if all(own.values()) else tuple(run for run, other in own.items() if other)
+        for named in dict.fromkeys([runs, *([()] if wrong > right else [])]):  # all: where a few weak lines go right
+            if named or wrong > right:
+                by_runs.setdefault(named, []).append(plane)
+    for runs, some_planes in by_runs.items():
+        yield from _mirrored(some_planes, runs, len(some_planes) == len(planes))
+
+
+def _mirrored(planes: Sequence[str], runs: tuple[str, ...], everywhere: bool) -> Iterator[DataError]:
+    """Why orbits at some planes, in all runs or in some of them, turn the wrong way round."""
+    there = f" in {' and '.join(runs)}" if runs else ""
+    whole = partial(_in_runs, runs=runs)
+    if everywhere or not runs:
+        yield DataError(
+            code="lag-as-lead",
+            of=there.removeprefix(" "),
+            message=f"phases of lag are given as lead{there}",
+            undo="give phase_lag_deg and force_phase_lag_deg in place of phase_deg and force_phase_deg",
+            correct=partial(whole, correct=_conjugated),
+        )
+    if everywhere and runs:
+        yield DataError(
+            code="whirl-reversed",
+            of=there.removeprefix(" "),
+            message=f"the force turns the other way than its sign of frequency says{there}",
+            undo="give the frequencies of these runs the other sign",
+            correct=partial(whole, correct=lambda test: replace(test, frequency=-test.frequency)),
+        )
     where = " and ".join(planes)
     for what, (swapped, signs) in _PAIRS.items():
         yield DataError(
             code=f"probes-{'exchanged' if swapped else 'inverted'}",
-            of=f"{what} at {where}",
-            message=f"the probes at {where} are {what}",
+            of=f"{what} at {where}{there}",
+            message=f"the probes at {where} are {what}{there}{'' if swapped else _CABLES}",
             undo="give the readings of x and y at these planes the right names and signs",
-            correct=partial(_paired_anew, planes=planes, swapped=swapped, signs=signs),
+            correct=partial(whole, correct=partial(_paired_anew, planes=planes, swapped=swapped, signs=signs)),
         )
 
 
@@ -271,6 +301,20 @@ def _exchanged_runs(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
 # ---- corrections -------------------------------------------------------------------------------------------------
 
 
+def _in_runs(test: PerturbationTest, *, runs: Collection[str], correct: Correction) -> PerturbationTest:
+    """A correction of some runs alone, of all where none are named."""
+    if not runs:
+        return correct(test)
+    other, own = correct(test), np.isin(test.run, tuple(runs))
+    columns = ("frequency", "force", "further_forces", "response", "direction")
+    changed = {name: np.where(own, getattr(other, name), getattr(test, name)) for name in columns}
+    return replace(test, **changed)
+
+
+def _conjugated(test: PerturbationTest) -> PerturbationTest:
+    return replace(test.with_forces(np.conj), response=test.response.conj())
+
+
 def _unfiltered(test: PerturbationTest, *, plane: str, probe: FilteredProbe) -> PerturbationTest:
     rows = (test.plane == plane) & (test.direction == probe.probe)
     seen = np.where(rows, probe.seen(1j * np.abs(test.frequency)), 1.0)
@@ -346,12 +390,17 @@ def undone(experiments: Sequence[Experiment], names: Sequence[str]) -> tuple[Exp
     """The data with errors undone one after the other."""
     corrected = list(experiments)
     for name in names:
+        shown = [[found for found in check(test) if found.correction == name] for test in corrected]
+        if any(shown):
+            corrected = [mended(test, found) for test, found in zip(corrected, shown, strict=True)]
+            continue
         tests = perturbations(corrected)
         orbits = orbits_of_tests(tests)
         beside = (*backward_angles(tests), *data_errors(tests))
         possible = (*mirrored_orbits(orbits), *filtered_probes(uneven_planes(orbits)), *beside)
         known = {error.name: error for error in possible if error.can_be_undone}
         if name not in known:
-            raise ValueError(f"undo: {unknown_name('error of these data', name, known)}")
+            seen = [found.correction for test in corrected for found in check(test) if found.correction]
+            raise ValueError(f"undo: {unknown_name('error of these data', name, [*dict.fromkeys(seen), *known])}")
         corrected = [test.corrected(known[name].correct) for test in corrected]
     return tuple(corrected)

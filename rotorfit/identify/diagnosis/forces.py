@@ -51,7 +51,8 @@ def force_along_axis(orbits: Orbits) -> Iterator[Finding]:
             f"circular it doubles every coefficient: give a column force_direction with {axis} in these rows."
         )
         rows = orbits.rows_of(np.flatnonzero(np.isin(orbits.run, runs)))
-        yield Finding("error", "linear-force", text, rows, remedy=f"force_direction {axis}")
+        code, undo = "linear-force", f"force_direction {axis}"
+        yield Finding("error", code, text, rows, remedy=undo, correction=code)
 
 
 def exchanged_axes(test: PerturbationTest) -> Iterator[Finding]:
@@ -123,8 +124,8 @@ def turning_force(test: PerturbationTest) -> Iterator[Finding]:
             f"All orbits in {listed(found)} turn one way, as under a force that turns; one along an axis drives a "
             "rotor forward and backward at once. Leave force_direction out there, or write circular."
         )
-        undo = "force_direction circular"
-        yield Finding("error", "turning-force", text, rows_of(np.isin(test.run, found)), remedy=undo)
+        code, undo = "turning-force", "force_direction circular"
+        yield Finding("error", code, text, rows_of(np.isin(test.run, found)), remedy=undo, correction=code)
 
 
 def _explains(orbits: Orbits, at: Index, modes: int) -> bool | None:

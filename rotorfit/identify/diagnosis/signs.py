@@ -120,7 +120,8 @@ def signs(orbits: Orbits) -> Iterator[Finding]:
             "be negative. The sense of rotation is reversed, or x and y are exchanged together with the sign of the "
             "frequency; x has to turn towards y with the rotor."
         )
-        yield Finding("error", "reversed-rotation", text, drives.rows_of(hit))
+        undo, code = "count y the other way", "reversed-rotation"
+        yield Finding("error", code, text, drives.rows_of(hit), remedy=undo, correction=code)
 
 
 def _negative_damping(drives: Orbits, kappa: ComplexArray, hit: Index) -> Finding:
@@ -128,7 +129,10 @@ def _negative_damping(drives: Orbits, kappa: ComplexArray, hit: Index) -> Findin
     begin += drives.runs(hit)
     slow = hit[np.abs(drives.frequency[hit]) <= np.quantile(np.abs(drives.frequency[hit]), 0.2)]
     both = bool(drives.paired[hit].all())
+    code, undo = ("negative-damping", None) if both else ("conjugated", "phase_lag_deg, force_phase_lag_deg")
+    correction = None if both else code
     if np.median(kappa.real[slow]) <= 0:
+        undo, correction = "turn the forces by 180 degrees", "half-turn"
         cause = (
             ", and so would stiffness: phases are half a turn off. Check the angle of the force or of the weight, "
             "whether the probes are inverted, and whether the readings are accelerations."
@@ -145,8 +149,7 @@ def _negative_damping(drives: Orbits, kappa: ComplexArray, hit: Index) -> Findin
             "convention of the analyser. One probe alone does not tell that from a filter, or from its sign being "
             "turned round."
         )
-    code, undo = ("negative-damping", None) if both else ("conjugated", "phase_lag_deg, force_phase_lag_deg")
-    return Finding("error", code, f"{begin}{cause}", drives.rows_of(hit), remedy=undo)
+    return Finding("error", code, f"{begin}{cause}", drives.rows_of(hit), remedy=undo, correction=correction)
 
 
 def _quadrature_falls(drives: Orbits, kappa: ComplexArray, sweep: Index, planes: int) -> bool:

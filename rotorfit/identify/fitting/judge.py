@@ -86,8 +86,7 @@ def judge(
     if beside is not None:  # without the causes that were found
         plain, begin = shifted(problem, [-part for part in beside.shift]), beside.plain[: x.size]
     alone = bad_lines(plain, begin, MODEL_LIMITED_REDCHI) if redchi > MODEL_LIMITED_REDCHI else None
-    rescaled = bool(settings.noise_scale)
-    notices = [*notes, *fit_warnings(problem, x, redchi, params, verdict, rescaled, noise, alone)]
+    notices = [*notes, *fit_warnings(problem, x, redchi, params, verdict, settings, noise, alone)]
     notices += [_warning("cause-size", text) for text in size_warnings(causes)]
     if redchi <= max(largest_redchi(noise, nfree, noise_known_from(problem)), MODEL_LIMITED_REDCHI):
         notices += [_warning("impossible-value", text) for text in impossible(plain, begin, params)]
@@ -363,7 +362,7 @@ def fit_warnings(
     redchi: float,
     params: Mapping[str, FittedParameter],
     identifiability: Identifiability,
-    rescaled: bool,
+    settings: FitSettings,
     noise: ResidualStudy | None,
     alone: BadLines | None,
 ) -> Iterator[Finding]:
@@ -374,7 +373,8 @@ def fit_warnings(
         return
     if noise is not None:
         yield from noise.warnings(redchi, _of_scatter(problem, x, params))
-    advice = _advice(problem, identifiability, rescaled)
+    rescaled = bool(settings.noise_scale)
+    advice = _advice(problem, identifiability, rescaled or settings.refined)
     nfree = problem.n_data - problem.space.size
     misfit = covariance.widening(redchi, problem.loss, nfree=nfree, freedom=freedom_of(problem.blocks))
     if is_misfit(noise, misfit):
@@ -440,7 +440,7 @@ def _of_values(
         yield _warning("unstable", text)
 
 
-def _advice(problem: Problem, identifiability: Identifiability, rescaled: bool) -> str:
+def _advice(problem: Problem, identifiability: Identifiability, refined: bool) -> str:
     """Advice for a fit that its model limits: structural blocks only where more can be added."""
     model = problem.space.model
     if model.advice:
@@ -454,7 +454,7 @@ def _advice(problem: Problem, identifiability: Identifiability, rescaled: bool) 
             )
     if not hasattr(model, "blocks"):
         return f"{model.name} has no structural blocks to add; a model of more planes may fit"
-    if rescaled or len(model.blocks) == len(BLOCKS):
+    if refined or len(model.blocks) == len(BLOCKS):
         return "bring the shaft's matrices (KnownStructure)"
     if why_not_refined(model, identifiability):
         left = ", ".join(identifiability.unresolved)

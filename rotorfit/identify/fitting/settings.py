@@ -110,11 +110,12 @@ class FitSettings(FitOptions):
     calibration: Calibration | None = None  # uncertainties that enter as nuisance entries
     noise: FoundNoise | None = None
     solved: SolvedCauses | None = None
+    refined: bool = False  # the model's blocks were chosen, of all that there are
 
     @property
     def asked(self) -> FitSettings:
         """Settings for another model of the same data: without choices of the fit."""
-        return replace(self, noise_scale={}, onsets=(), noise=None, solved=None)
+        return replace(self, noise_scale={}, onsets=(), noise=None, solved=None, refined=False)
 
     @property
     def rescaled(self) -> bool:

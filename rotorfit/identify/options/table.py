@@ -64,6 +64,7 @@ class StudyOptions(FitOptions):
     )
     undo: tuple[str, ...] = option((), "errors of the data to correct, by the names in their findings", "A,B")
     refine: bool = option(False, "add structural blocks that the data support (AIC)")
+    despite_errors: bool = option(False, "refine although the check finds an error of the data")
     baseline: str = option(
         "", "dry run of the rig, whose dynamic stiffness is taken out; it is read like the first test file", "FILE"
     )

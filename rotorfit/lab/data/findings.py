@@ -50,8 +50,16 @@ class Finding:
 
     @property
     def words(self) -> str:
-        """The message, with the source where it is given."""
+        """The message, with the source where it is given, and how the data are corrected as they stand."""
+        return f"{self._said}{self._undoing}"
+
+    @property
+    def _said(self) -> str:
         return f"{self.source}: {self.message}" if self.source else self.message
+
+    @property
+    def _undoing(self) -> str:
+        return f' (undo = ["{self.correction}"], --undo "{self.correction}")' if self.correction else ""
 
     def at_rows(self, numbers: NDArray[np.intp]) -> Finding:
         """The finding of a part of a test as one of the whole.
@@ -63,7 +71,7 @@ class Finding:
 
     def __str__(self) -> str:
         places = _places("Lines", self.lines) if self.lines else _places("Readings", [row + 1 for row in self.rows])
-        return f"{self.severity} [{self.code}] {self.words}{places}"
+        return f"{self.severity} [{self.code}] {self._said}{places}{self._undoing}"
 
 
 def report(findings: Iterable[Finding], on_finding: Callable[[Finding], None] | None) -> None:

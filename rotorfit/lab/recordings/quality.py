@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
@@ -40,14 +41,15 @@ def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> I
             words = (
                 f"{where} is dead: it stays at {each.mean:.3f} {each.unit} and moves by "
                 f"{significant(each.deviation, 2)} {each.unit} rms, the others by up to {significant(largest, 3)}. "
-                "Leave its plane out or repair the probe."
+                "Leave its plane out or repair the probe. "
+                f"{_to_copy(record, 'leave_out', [probe.channel])}"
             )
             yield Finding("error", "channel-dead", words)
             continue
         if each.still:
-            yield _stops(each, where)
+            yield _stops(each, where, _to_copy(record, "leave_out", [probe.channel]))
         if each.clipped:
-            yield _clips(each, where)
+            yield _clips(each, where, _to_copy(record, "leave_out", [probe.channel]))
         highest_voltage = 50.0  # no probe or input card gives so many volts
         if not probe.unit and max(abs(each.low), abs(each.high)) > highest_voltage:
             words = (
@@ -71,22 +73,24 @@ def probe_findings(record: Signals, found: Mapping[str, ChannelStatistics]) -> I
         yield Finding("note", "ac-coupled", words)
 
 
-def _stops(each: ChannelStatistics, where: str) -> Finding:
+def _stops(each: ChannelStatistics, where: str, undo: str) -> Finding:
     when = listed([f"{low:.2f} to {high:.2f} s" for low, high in each.still])
     words = (
         f"{where} stays on one count from {when}, and carries noise before or after: a loose cable, or samples that "
-        "were lost and held or filled. Measure again, cut these times out of the file, or leave the probe out."
+        "were lost and held or filled. Measure again, cut these times out of the file, or leave the probe out. "
+        f"{undo}"
     )
     return Finding("error", "channel-stops", words)
 
 
-def _clips(each: ChannelStatistics, where: str) -> Finding:
+def _clips(each: ChannelStatistics, where: str, undo: str) -> Finding:
     ends = ((each.low, each.flat_low, each.at_low), (each.high, each.flat_high, each.at_high))
     limit = " and ".join(f"{value:.3f} {each.unit}" for value, flat, _ in ends if flat >= CLIPPED_STRETCHES)
     share = sum(at for _, flat, at in ends if flat >= CLIPPED_STRETCHES)
     words = (
         f"{where} is clipped at {limit} ({share:.1%} of the samples): amplitudes there are too small. Set the input "
-        "range wider and measure again, or leave the probe out."
+        "range wider and measure again, or leave the probe out. "
+        f"{undo}"
     )
     return Finding("error", "channel-clipped", words)
 
@@ -179,22 +183,32 @@ def direction_findings(record: Signals, shaft: AngleTrack | None, perturbator: A
     if backward and len(backward) == len(record.pairs) > 1:
         words = (
             f"{record.name}: once-per-turn motion is mostly backward in every plane: the shaft turns the other way "
-            f"than rotation says ({'ccw' if record.rig.rotation > 0 else 'cw'}), or all its probes are exchanged."
+            f"than rotation says ({'ccw' if record.rig.rotation > 0 else 'cw'}), or all its probes are exchanged. "
+            f"{_to_copy(record, 'rotation', 'cw' if record.rig.rotation > 0 else 'ccw')}"
         )
         yield Finding("error", "rotation-sense", words)
     elif backward:
+        probes = [probe.channel for probe in record.probes if probe.plane == backward[0]][:2]
         words = (
             f"{record.name}: once-per-turn motion is mostly backward in {listed(backward)}: are its two probes "
-            "exchanged, or is their angle_deg wrong?"
+            "exchanged, or is their angle_deg wrong? "
+            f"{_to_copy(record, 'exchanged', probes)}"
         )
         yield Finding("error", "probes-exchanged", words)
     if opposite and len(opposite) * 2 > len(judged):
         said = "forward" if whirl > 0 else "backward"
         words = (
             f"{record.name}: the response in {listed(opposite)} turns against the perturbation, said to be {said}, "
-            "while the once-per-turn motion is forward: the perturbator turns the other way than whirl says."
+            "while the once-per-turn motion is forward: the perturbator turns the other way than whirl says. "
+            f"{_to_copy(record, 'force.whirl', 'backward' if whirl > 0 else 'forward')}"
         )
         yield Finding("error", "whirl-reversed", words)
+
+
+def _to_copy(record: Signals, key: str, value: str | list[str]) -> str:
+    """The lines of a setup that mend one recording; TOML writes texts as JSON does."""
+    file, said = (json.dumps(each, ensure_ascii=False) for each in (record.path.name, value))
+    return f"To correct it, say so in rig.toml, below [[run]] and file = {file}: {key} = {said}"
 
 
 def _pieces(record: Signals) -> list[tuple[int, int]]:
@@ -382,8 +396,10 @@ def mark_findings(record: Signals, shaft: AngleTrack, perturbator: AngleTrack) -
     if sweeps > swept_range and steady < steady_range:
         turning = float(np.mean(perturbator.speeds()))
         given = record.speed is not None and abs(turning - abs(record.speed)) < 0.03 * abs(record.speed)
+        rig = record.rig
+        marks = [str(mark.channel) for mark in (rig.shaft, rig.perturbator) if mark is not None]
         words = (
             f"{record.name}: the shaft's mark sweeps and the perturbator's is steady: are the channels of [shaft] and "
-            "[perturbator] exchanged?"
+            f"[perturbator] exchanged? {_to_copy(record, 'exchanged', marks)}"
         )
         yield Finding("error" if given else "warning", "marks-exchanged", words)

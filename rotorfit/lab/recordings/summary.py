@@ -48,7 +48,11 @@ def _force(record: Recording) -> list[str]:
         return ["  no force is described"]
     if force.measured:
         return [f"  force        measured at {force.plane}, {', '.join(name for name in force.channels if name)}"]
-    angle = f"{np.degrees(force.angle):.1f} deg ahead of the mark" if force.datum_known else "at an angle not known"
+    angle = (
+        f"{np.degrees(force.angle - force.mark):.1f} deg ahead of the mark"
+        if force.datum_known
+        else "at an angle not known"
+    )
     turns = "forward" if force.whirl > 0 else "backward"
     return [
         f"  force        m r = {significant(force.mr, 3)} kg m at {force.plane}, {turns} with the "

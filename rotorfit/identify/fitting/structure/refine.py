@@ -118,7 +118,7 @@ def refine(fit: FitResult) -> Refinement:
     largest_misfit_ratio = 1.2
     if found.redchi > largest_misfit_ratio * min(step.redchi for step in steps if step.success or step is found):
         found, steps = _select(fit, may_leave_open=True)
-    best = refit(replace(found, settings=replace(found.settings, causes=fit.settings.causes)), found.model)
+    best = refit(replace(found, settings=replace(found.settings, causes=fit.settings.causes)), found.model, chosen=True)
     steps = [best if step is found else step for step in steps]
     chosen = with_model_uncertainty(rescale_noise(best), _model_uncertainty(best, steps))
     # Threshold speeds by group of the best candidate that holds beyond the tested band, and of its neighbours.
@@ -315,15 +315,22 @@ def rescale_noise(fit: FitResult) -> FitResult:
 
 
 def refit(
-    fit: FitResult, model: RotorModel, priors: Mapping[str, Any] | None = None, *, with_causes: bool = True
+    fit: FitResult,
+    model: RotorModel,
+    priors: Mapping[str, Any] | None = None,
+    *,
+    with_causes: bool = True,
+    chosen: bool = False,
 ) -> FitResult:
     """Another model fitted with the same settings, new parameters from zero influence: a nested one can only gain.
-    Candidates are compared ``with_causes`` false, since causes stand for what they add."""
+    Candidates are compared ``with_causes`` false, since causes stand for what they add; ``chosen`` is the last."""
     settings = fit.settings
     start = {n: p.value for n, p in fit.params.items() if p.vary and bare_name(n) in model.parameter_names}
     start |= {q.name: 0.0 for q in model.parameters if q.name not in {bare_name(b) for b in fit.params}}
     known = {k: v for k, v in settings.known.items() if k in model.parameter_names}
-    wanted = replace(settings.asked, known=known, priors={**settings.priors, **(priors or {})}, start=start)
+    wanted = replace(
+        settings.asked, known=known, priors={**settings.priors, **(priors or {})}, start=start, refined=chosen
+    )
     return fitted(model, fit.experiments, wanted if with_causes else replace(wanted, causes=None))
 
 

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -40,6 +40,8 @@ from rotorfit.lab.recordings.rig.setup import (
 _PROBE_NAME = re.compile(r"(?i)^(.+?)[ _.\-]?([xy])$")
 _REFERENCE_NAME = re.compile(r"(?i)keyph|tacho|kph|trigger")
 _PERTURBATOR_NAME = re.compile(r"(?i)pert|exc")
+
+Plugged = TypeVar("Plugged", Probe, Reference)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,7 +190,23 @@ def _merged(given: RigSetup | None, own: RigSetup) -> RigSetup:
     if given is not None and given.twist is not None and given.twist.wheel:
         whole = replace(whole, twist=given.twist)
     forces = {whole.force.channel_x, whole.force.channel_y} if whole.force is not None else set()
-    return replace(whole, probes=tuple(p for p in whole.probes or () if p.channel not in forces))
+    out = {*forces, *(whole.leave_out or ())}
+    return _as_wired(replace(whole, probes=tuple(p for p in whole.probes or () if p.channel not in out)))
+
+
+def _as_wired(setup: RigSetup) -> RigSetup:
+    """The setup with every probe and mark on the channel that its cable was on."""
+    if setup.exchanged is None:
+        return setup
+    one, other = setup.exchanged
+    on = {one: other, other: one}
+
+    def wired(part: Plugged) -> Plugged:
+        return part if part.channel is None else replace(part, channel=on.get(part.channel, part.channel))
+
+    probes = tuple(wired(probe) for probe in setup.probes or ())
+    shaft, perturbator = (None if mark is None else wired(mark) for mark in (setup.shaft, setup.perturbator))
+    return replace(setup, probes=probes, shaft=shaft, perturbator=perturbator)
 
 
 def _used(raw: RawFile, whole: RigSetup, source: str, marked: Sequence[str], how: str) -> list[RawChannel]:
@@ -196,7 +214,8 @@ def _used(raw: RawFile, whole: RigSetup, source: str, marked: Sequence[str], how
     twist, force = whole.twist or Twist(), whole.force or ForceSetup()
     others = (twist.channel, twist.even_wheel, twist.wheel, force.channel_x, force.channel_y)
     named = [*marked, *filter(None, others)]
-    for name in (*named, *whole.scales):
+    said = (*named, *whole.scales, *(whole.exchanged or ()), *(whole.leave_out or ()))
+    for name in said:
         if name not in raw.channels:
             raise ValueError(f"{raw.name}, as {source} describes it: {unknown_name('channel', name, raw.channels)}")
     if not named:
@@ -304,14 +323,18 @@ def _force(raw: RawFile, setup: RigSetup, perturbator: Reference | None, planes:
     plane = force.plane if force.plane is not None or not only else planes[0]
     if plane is None:
         raise ValueError(f"{raw.name}: nothing says in which plane the force acts; give plane in [force]")
+    reference = setup.shaft if perturbator is None else perturbator
+    whirl = force.whirl or 1
+    mark = whirl * (setup.rotation or 1) * ((reference.angle if reference is not None else None) or 0.0)
     angle = force.angle if force.angle is not None else force.hole_angle
     marked = perturbator is None or perturbator.channel is not None
     return Force(
         plane=plane,
         mr=force.mr,
-        angle=angle or 0.0,
+        angle=(angle or 0.0) + mark,
+        mark=mark,
         datum_known=(force.angle is not None or force.mr == 0) and marked,
-        whirl=force.whirl or 1,
+        whirl=whirl,
         reference="shaft" if perturbator is None else "perturbator",
     )
 
@@ -412,7 +435,7 @@ def _unused(given: RigSetup, raw: RawFile, used: Sequence[RawChannel], source: s
         elif mark is not None and mark.channel is not None and mark.steady:
             said.append((f"steady of [{name}]", "its mark says the speed"))
     said += _unused_of_force(given)
-    names = {channel.name for channel in used}
+    names = {*(channel.name for channel in used), *(given.leave_out or ())}
     for name, scale in given.scales.items():
         if name not in names:
             said.append((f'[[channel]] name = "{name}"', "no probe, mark or force is on it"))

@@ -148,6 +148,19 @@ def _unit_of(*quantities: str) -> Reader:
     return read
 
 
+def _names(where: str, value: Any) -> tuple[str, ...]:
+    if not isinstance(value, list):
+        raise ValueError(f'{where} is a list of channels, ["channel_1", "channel_2"]; got {value!r}')
+    return tuple(word(where, one) for one in value)
+
+
+def _two_names(where: str, value: Any) -> tuple[str, ...]:
+    names = _names(where, value)
+    if len(set(names)) != 2:
+        raise ValueError(f'{where} needs two channels, ["channel_1", "channel_2"]; got {value!r}')
+    return names
+
+
 def _choice(**allowed: Any) -> Reader:
     def read(where: str, value: Any) -> Any:
         if not isinstance(value, str) or value.lower() not in allowed:
@@ -205,6 +218,8 @@ class Reference:
     """A phase reference: Keyphasor or tooth wheel."""
 
     channel: str | None = _said(_channel)  # of the recording
+    # where its probe sits, rad, counter-clockwise from x; None: at x, from which angles of forces then count
+    angle: float | None = _said({"angle_deg": _degrees})
     # the edge that is angle zero; None: found from the signal
     edge: str | None = _said({"edge": _choice(falling="falling", rising="rising")})
     level: float | None = _said({"level_V": number})  # voltage at which the edge is timed; None: half way
@@ -308,6 +323,8 @@ class RigSetup:
         slow_roll: run-out to be taken out.
         clearance: radial, m, by plane.
         sensitivity: of probes that have none of their own, V/m.
+        exchanged: two channels whose cables were exchanged: each holds what the other one should.
+        leave_out: channels of probes that are not to be read.
         scales: of channels that hold counts, by channel.
         attributes: test attributes of the recording, such as the oil temperature.
         runs: what holds for one file, by the name of the file.
@@ -327,6 +344,8 @@ class RigSetup:
     slow_roll: SlowRollSetup | None = None
     clearance: Mapping[str, float] = field(default_factory=dict)
     sensitivity: float | None = _said({}, _in_units("sensitivity", SENSITIVITIES, _nonzero))
+    exchanged: tuple[str, ...] | None = _said({}, {"exchanged": _two_names})
+    leave_out: tuple[str, ...] | None = _said({}, {"leave_out": _names})
     scales: Mapping[str, Scale] = field(default_factory=dict)
     attributes: Mapping[str, float | str] = field(default_factory=dict)
     runs: Mapping[str, RigSetup] = field(default_factory=dict)
@@ -367,8 +386,9 @@ class Force:
 
     plane: str  # where the force acts
     mr: float = math.nan  # unbalance, kg m; NaN for a measured force
-    angle: float = 0.0  # heavy spot ahead of the mark in the direction it turns, rad
-    datum_known: bool = True  # whether ``angle`` counts from the mark; else a fit needs ``phase_offsets="common"``
+    angle: float = 0.0  # heavy spot ahead of x in the direction it turns, as the mark gives its pulse, rad
+    mark: float = 0.0  # of that the angle of the mark itself, rad
+    datum_known: bool = True  # whether ``angle`` is known; else a fit needs ``phase_offsets="common"``
     whirl: int  # +1 turns with the shaft, -1 against it
     reference: str = ""  # ``"perturbator"`` or ``"shaft"``, the mark that it is locked to; none of a measured force
     channels: tuple[str, str] = ("", "")  # channels of the force along x and y where it was measured

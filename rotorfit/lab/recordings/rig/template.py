@@ -71,13 +71,19 @@ def _quoted(name: str) -> str:
 
 def _reference(table: str, known: Reference | None, raw: RawFile, words: str) -> list[str]:
     if known is None or known.channel is None:
-        return ["", f"{f'# [{table}]':<32} # {words}", f"{'# channel = ...':<32} # one of: {', '.join(raw.channels)}"]
+        return [
+            "",
+            f"{f'# [{table}]':<32} # {words}",
+            f"{'# channel = ...':<32} # one of: {', '.join(raw.channels)}",
+            f"{'# angle_deg = 0.0':<32} # where this Keyphasor probe sits, from x counter-clockwise",
+        ]
     edge = f'edge = "{known.edge}" by the recording' if known.edge else 'edge = "falling" or "rising", else found'
     return [
         "",
         f"{f'[{table}]':<32} # {words}",
         f"channel = {_quoted(known.channel)}",
         f"{'# pulses_per_turn = 1':<32} # {edge}; level_V is found",
+        _line("angle_deg", known.angle, 0.0, "where this Keyphasor probe sits, from x counter-clockwise"),
     ]
 
 
