@@ -24,6 +24,7 @@ from rotorfit.identify.diagnosis.probe_filters import FilteredProbe
 from rotorfit.identify.diagnosis.probe_pairs import uneven_planes
 from rotorfit.identify.diagnosis.trial_fits import MOST_PLANES, Explanation
 from rotorfit.lab.data.experiments import PerturbationTest, perturbations
+from rotorfit.lab.data.findings import listed
 from rotorfit.lab.data.rows import Experiment
 
 _DECIBELS = {"um": 1e-6, "mil": 25.4e-6, "mm": 1e-3}
@@ -143,13 +144,14 @@ def mirrored_orbits(orbits: Sequence[Orbits]) -> Iterator[DataError]:
 
 def _mirrored(planes: Sequence[str], runs: tuple[str, ...], everywhere: bool) -> Iterator[DataError]:
     """Why orbits at some planes, in all runs or in some of them, turn the wrong way round."""
-    there = f" in {' and '.join(runs)}" if runs else ""
+    there = f" in {' and '.join(runs)}" if runs else ""  # of a name, which has no commas
+    said = f" in {listed(runs)}" if runs else ""
     whole = partial(_in_runs, runs=runs)
     if everywhere or not runs:
         yield DataError(
             code="lag-as-lead",
             of=there.removeprefix(" "),
-            message=f"phases of lag are given as lead{there}",
+            message=f"phases of lag are given as lead{said}",
             undo="give phase_lag_deg and force_phase_lag_deg in place of phase_deg and force_phase_deg",
             correct=partial(whole, correct=_conjugated),
         )
@@ -157,7 +159,7 @@ def _mirrored(planes: Sequence[str], runs: tuple[str, ...], everywhere: bool) ->
         yield DataError(
             code="whirl-reversed",
             of=there.removeprefix(" "),
-            message=f"the force turns the other way than its sign of frequency says{there}",
+            message=f"the force turns the other way than its sign of frequency says{said}",
             undo="give the frequencies of these runs the other sign",
             correct=partial(whole, correct=lambda test: replace(test, frequency=-test.frequency)),
         )
@@ -166,7 +168,7 @@ def _mirrored(planes: Sequence[str], runs: tuple[str, ...], everywhere: bool) ->
         yield DataError(
             code=f"probes-{'exchanged' if swapped else 'inverted'}",
             of=f"{what} at {where}{there}",
-            message=f"the probes at {where} are {what}{there}{'' if swapped else _CABLES}",
+            message=f"the probes at {where} are {what}{said}{'' if swapped else _CABLES}",
             undo="give the readings of x and y at these planes the right names and signs",
             correct=partial(whole, correct=partial(_paired_anew, planes=planes, swapped=swapped, signs=signs)),
         )
