@@ -45,6 +45,15 @@ def test_every_help_has_an_example_that_the_command_line_takes(name: str) -> Non
         assert len(line) <= 70  # one line of a terminal, which does not break it
 
 
+def test_help_of_what_a_store_does_has_examples_too(run: Run) -> None:
+    _, shown, _ = run("store", "--help")
+    for action in re.findall(r"^    ([a-z]+) ", shown, re.MULTILINE):
+        code, own, _ = run("store", action, "--help")
+        example = own.partition("Example: rotorfit ")[2].split()
+        assert (code, example[:2]) == (0, ["store", action])
+        assert build_parser(["store"]).parse_args(example).action is not None
+
+
 @pytest.mark.parametrize("name", DAILY)
 def test_help_shows_the_options_of_every_day_first(run: Run, name: str) -> None:
     code, short, _ = run(name, "--help")

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from drawn import conditions_of, heading_of, points_of, title_of
 from matplotlib.collections import PathCollection
 from matplotlib.legend import Legend
+from matplotlib.text import Text
 from plain import plain_fit
 from sentences import refuses
 from synthetic import TYPICAL, circular_test
@@ -131,6 +134,17 @@ def test_response_and_stiffness_of_several_conditions(fit: rf.FitResult) -> None
     assert conditions_of(figure)[:2] == ["954.9 rpm", "1719 rpm"]
     with refuses(ValueError):
         fit.plot.drive_point(plane="disk")
+
+
+def test_size_title_and_limits_are_changed_on_what_a_plot_returns(fit: rf.FitResult, tmp_path: Path) -> None:
+    figure = fit.plot.bode()
+    figure.set_size_inches(5.0, 4.0)
+    figure.suptitle("after the rebuild")
+    figure.axes[0].set_xlim(-2000, 2000)
+    figure.savefig(tmp_path / "bode.png", dpi=100)
+    assert plt.imread(tmp_path / "bode.png").shape[:2] == (400, 500)
+    assert figure.axes[0].get_xlim() == (-2000, 2000)
+    assert [text.get_text() for text in figure.findobj(Text) if "rebuild" in text.get_text()] == ["after the rebuild"]
 
 
 def test_a_figure_is_drawn_where_it_is_wanted(fit: rf.FitResult) -> None:

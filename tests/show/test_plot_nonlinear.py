@@ -287,7 +287,7 @@ def test_figures_and_what_they_refuse() -> None:
     _, load = fit.plot.side_load().axes
     assert "N" in load.get_xlabel()
     with refuses(ValueError):
-        fit.plot.whirl(max_speed_rpm=1000)
+        fit.plot.whirl(max_speed=1000 * np.pi / 30)
     linear = rf.fit(OneMode(), sweep(ONE_MODE | POWER, levels=(0.3,), lines=20), known={"K": 8e3, "Ds": 8.0})
     with refuses(ValueError):
         linear.plot.whirl()

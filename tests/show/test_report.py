@@ -102,7 +102,7 @@ def test_refined_report_with_all_extras(rig_refinement: rf.Refinement, tmp_path:
         posterior=posterior,
         profiles=[made_profile("lam", 0.4749, 0.4752), made_profile("threshold_speed", 277.0, 279.0)],
         shares={"D": (0.1, 4.5)},
-        operating_speed=2800 / RPM,
+        operating_speed_rpm=2800,
         title="Seal rig, run 7",
     )
     assert page.text.count("Seal rig, run 7") == 2  # title and heading

@@ -97,12 +97,24 @@ def place_json(place: PlaceTrend) -> dict[str, Any]:
     }
 
 
+_EXAMPLES = {
+    "add": "add machine.db tests/*.csv --study study.toml",
+    "list": "list machine.db",
+    "trend": "trend machine.db --study study.toml",
+    "get": "get machine.db 3 --out fit-3",
+    "refit": "refit machine.db --study study.toml",
+    "check": "check machine.db",
+}
+"""Lines for each action that may be typed as they stand, with files of one's own."""
+
+
 def add_store(to: argparse.ArgumentParser) -> None:
     """Options of the command."""
     group = to.add_subparsers(metavar="ACTION", required=True)
 
     def action(name: str, work: Any, help: str) -> argparse.ArgumentParser:
-        added = group.add_parser(name, help=help, description=help, allow_abbrev=False)
+        example = f"Example: rotorfit store {_EXAMPLES[name]}"
+        added = group.add_parser(name, help=help, description=help, epilog=example, allow_abbrev=False)
         added.set_defaults(action=work)
         added.add_argument("store", type=Path, metavar="STORE", help="the file, machine.db for instance")
         return added

@@ -10,7 +10,6 @@ from matplotlib.patches import Patch, Polygon
 
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
-from rotorfit.base.units import RAD_S_PER_RPM
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.models.motion.journal import journal
 from rotorfit.models.motion.whirl import whirl_branch
@@ -21,7 +20,7 @@ _STABLE, _UNSTABLE = style.COLOURS[0], style.COLOURS[1]
 
 
 @style.on_sheet
-def plot_whirl(fit: FitResult, *, sheet: style.Sheet, group: int = 0, max_speed_rpm: float | None = None) -> Figure:
+def plot_whirl(fit: FitResult, *, sheet: style.Sheet, group: int = 0, max_speed: float | None = None) -> Figure:
     """Radius and frequency of the self-excited whirl against rotative speed, with the 95 % band of the radius.
 
     Dashed where the orbit is unstable: there it jumps, or the journal returns to the centre.
@@ -30,11 +29,11 @@ def plot_whirl(fit: FitResult, *, sheet: style.Sheet, group: int = 0, max_speed_
     onset = fit.threshold_of(group).value
     if not np.isfinite(onset):
         raise ValueError("the fitted rotor is stable at every speed: there is no whirl")
-    top = 2.5 * onset if max_speed_rpm is None else max_speed_rpm * RAD_S_PER_RPM
+    top = 2.5 * onset if max_speed is None else max_speed
     branch = whirl_branch(fit.model, theta, max_speed=top)
     if branch is None:
         limit = f"{significant(top * sheet.per_rad_s, 5)} {sheet.rate_unit}"
-        raise ValueError(f"the threshold speed is beyond {limit}: give max_speed_rpm")
+        raise ValueError(f"the threshold speed is beyond {limit}: give max_speed or max_speed_rpm")
     figure, axes = sheet.grid(2, 1, f"{rig_of(fit)}: whirl beyond the onset", size=(5.8, 2.5), one_abscissa=True)
     radius, frequency = axes[:, 0]
     factor, unit = sheet.position_unit

@@ -7,6 +7,7 @@ from typing import Unpack
 
 from matplotlib.figure import Figure
 
+from rotorfit.base.units import in_rad_s
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.show.plots.beyond_onset import plot_side_load, plot_whirl
 from rotorfit.show.plots.bode import plot_bode, plot_drive_point
@@ -69,6 +70,10 @@ class FitPlots:
             **look: ``ax``: axes to draw in, one or as many as the figure has panels; one place for several panels is
                 divided, and a figure or subfigure filled. ``unit``: of frequencies (``"rpm"``, ``"hz"``, ``"rad_s"``),
                 of lengths (``"um"``, ``"mil_pp"``, ``"mm"``), or both, ``("hz", "mil_pp")``.
+
+        Returns:
+            a matplotlib figure: ``set_size_inches``, ``suptitle``, and of its ``axes`` ``set_xlim``, ``set_title`` and
+            the like change it as any other.
 
         Raises:
             ValueError: no such abscissa or unit, a ratio to a speed that is swept, or axes that are too many or few.
@@ -140,16 +145,24 @@ class FitPlots:
         """Whirl frequency ratio of a seal or bearing against speed; ``ax`` and ``unit`` as for :meth:`bode`."""
         return whirl_ratio(self._fit.coefficient_table(), **look)
 
-    def whirl(self, *, max_speed_rpm: float | None = None, group: int = 0, **look: Unpack[PlotKeywords]) -> Figure:
+    def whirl(
+        self,
+        *,
+        max_speed: float | None = None,
+        max_speed_rpm: float | None = None,
+        group: int = 0,
+        **look: Unpack[PlotKeywords],
+    ) -> Figure:
         """Radius and frequency of the whirl that the rotor keeps up beyond its threshold, against speed, with a band.
 
-        ``max_speed_rpm`` ends the speeds, 2.5 times the threshold unless given; ``group`` is the number of a parameter
-        group, from 0; ``ax`` and ``unit`` are as for :meth:`bode`.
+        ``max_speed``, rad/s, or ``max_speed_rpm`` ends the speeds, 2.5 times the threshold unless given; ``group`` is
+        the number of a parameter group, from 0; ``ax`` and ``unit`` are as for :meth:`bode`.
 
         Raises:
             ValueError: a fluid that does not change with eccentricity, or no threshold up to the end.
         """
-        return plot_whirl(self._fit, group=group, max_speed_rpm=max_speed_rpm, **look)
+        top = in_rad_s("max_speed", max_speed, needed=False, rpm=max_speed_rpm)
+        return plot_whirl(self._fit, group=group, max_speed=top, **look)
 
     def side_load(self, **look: Unpack[PlotKeywords]) -> Figure:
         """Threshold speed against static eccentricity and side load, with its 95 % band.
@@ -182,20 +195,32 @@ class FitPlots:
         return plot_velocity_ratio(self._fit, **look)
 
     def coefficients(
-        self, speeds: Sequence[float] | None = None, *, plane: str | None = None, **look: Unpack[PlotKeywords]
+        self,
+        speeds: Sequence[float] | None = None,
+        *,
+        speed_rpm: Sequence[float] | None = None,
+        plane: str | None = None,
+        **look: Unpack[PlotKeywords],
     ) -> Figure:
         """Coefficients of ``fit.coefficient_table`` against speed, with their 95 % errors.
 
-        ``speeds`` and ``plane`` are as there, ``ax`` and ``unit`` as for :meth:`bode`.
+        ``speeds``, ``speed_rpm`` and ``plane`` are as there, ``ax`` and ``unit`` as for :meth:`bode`.
         """
-        return coefficients(self._fit.coefficient_table(speeds, plane=plane), **look)
+        return coefficients(self._fit.coefficient_table(speeds, speed_rpm=speed_rpm, plane=plane), **look)
 
-    def frequency_coefficients(self, speeds: Sequence[float] | None = None, **look: Unpack[PlotKeywords]) -> Figure:
+    def frequency_coefficients(
+        self,
+        speeds: Sequence[float] | None = None,
+        *,
+        speed_rpm: Sequence[float] | None = None,
+        **look: Unpack[PlotKeywords],
+    ) -> Figure:
         """Stiffness and damping against frequency as measured, with the fitted ones and their 95 % bands.
 
-        ``speeds`` are rotative, rad/s, by default the tested ones; ``ax`` and ``unit`` as for :meth:`bode`.
+        ``speeds`` are rotative, rad/s, or ``speed_rpm``, by default the tested ones; ``ax`` and ``unit`` are as for
+        :meth:`bode`.
         """
-        return frequency_coefficients(self._fit.frequency_coefficients(speeds), **look)
+        return frequency_coefficients(self._fit.frequency_coefficients(speeds, speed_rpm=speed_rpm), **look)
 
     def stabilisation(self, most: int | None = None, **look: Unpack[PlotKeywords]) -> Figure:
         """Stabilisation diagram of a fit of ``Modal``: poles against how many are looked for, with the fitted modes.

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rotorfit.base.units import in_rad_s
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.identify.fitting.headline import rig_name, task_of
 from rotorfit.identify.fitting.quantities import THRESHOLD
@@ -36,6 +37,7 @@ def write_report(
     bootstrap: Bootstrap | None = None,
     shares: Mapping[str, tuple[float, float]] | None = None,
     operating_speed: float | None = None,
+    operating_speed_rpm: float | None = None,
     title: str | None = None,
     figures: str | os.PathLike[str] | None = None,
     figure_format: FigureFormat = "png",
@@ -56,6 +58,7 @@ def write_report(
         shares: standard uncertainty by the noise and by causes beside the model, by parameter, SI units; by default
             those of the fit.
         operating_speed: speed, rad/s, to which the stability margin refers beside the tested speeds.
+        operating_speed_rpm: the same in rpm.
         title: heading of the report.
         figures: folder that is there, to which the figures are also written, each as a file.
         figure_format: of these files: png, pdf or svg; none leaves figures out of the report too.
@@ -89,7 +92,7 @@ def write_report(
         profiles=profiles,
         bootstrap=bootstrap,
         shares=shares_of(fit) if shares is None else shares,
-        operating_speed=operating_speed,
+        operating_speed=in_rad_s("operating_speed", operating_speed, needed=False, rpm=operating_speed_rpm),
         figure_format=figure_format,
         recordings=recordings,
         turns=turns,
