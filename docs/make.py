@@ -1,9 +1,11 @@
 """Run the Python blocks of README.md and the pages of docs/; put what they print and draw into the documents.
 
-A page's blocks run top to bottom in an empty folder that holds the bundled rig as ``rig.csv``. A ``text`` block right
+A page's blocks run top to bottom in an empty folder. A ``text`` block right
 after a Python block is what that prints; pictures that a block saves are those of docs/.
 
     python docs/make.py [PAGE ...]
+
+The picture of the first pages, which ``overview.py`` draws, is made with the README.
 """
 
 from __future__ import annotations
@@ -12,19 +14,21 @@ import contextlib
 import io
 import os
 import re
-import shutil
 import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib as mpl
+import overview
 from PIL import Image
 
 ROOT = Path(__file__).parent.parent
-RIG = ROOT / "rotorfit" / "datasets" / "rig_open.csv"
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("[!_]*.md")), *sorted((ROOT / "docs").glob("[!_]*/*.md")))
-_BLOCK = re.compile(r"^```python\n(?P<code>.*?)^```\n(?:\n```text\n(?P<shown>.*?)^```\n)?", re.MULTILINE | re.DOTALL)
+_BLOCK = re.compile(
+    r"^```python\n(?P<code>.*?)^```\n(?:(?P<between>\n|:::\n:::\{grid-item\}\n)```text\n(?P<shown>.*?)^```\n)?",
+    re.MULTILINE | re.DOTALL,
+)
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,6 @@ class Outcome:
 def run_page(page: Path, folder: Path) -> list[Outcome]:
     """Run the blocks of a page, in order and in one namespace, with ``folder`` as the working directory."""
     mpl.use("agg")
-    shutil.copyfile(RIG, folder / "rig.csv")
     names: dict[str, object] = {"__name__": page.stem}
     outcomes = []
     with contextlib.chdir(folder):
@@ -60,7 +63,7 @@ def rewrite(page: Path, outcomes: list[Outcome]) -> None:
         outcome = next(remaining)
         if block["shown"] is None:
             return block[0]
-        return f"```python\n{block['code']}```\n\n```text\n{outcome.printed}```\n"
+        return f"```python\n{block['code']}```\n{block['between']}```text\n{outcome.printed}```\n"
 
     page.write_text(_BLOCK.sub(fresh, page.read_text(encoding="utf-8")), encoding="utf-8")
 
@@ -71,6 +74,8 @@ def main(pages: list[Path]) -> None:
         with tempfile.TemporaryDirectory() as folder:
             outcomes = run_page(page, Path(folder))
             rewrite(page, outcomes)
+            if page.name == "README.md":
+                overview.save(Path(folder))
             for picture in sorted(Path(folder).glob("*.png")):
                 colours = Image.open(picture).convert("RGB").quantize(128)  # a third of the size, to the eye the same
                 colours.save(ROOT / "docs" / picture.name, optimize=True)

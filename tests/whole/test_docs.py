@@ -28,6 +28,7 @@ def make(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
+    monkeypatch.syspath_prepend(ROOT / "docs")
     monkeypatch.setitem(sys.modules, spec.name, module)  # where dataclasses look themselves up
     spec.loader.exec_module(module)
     return module
@@ -63,6 +64,44 @@ def test_comparison_of_printed_text() -> None:
     assert not same("3 runs", "3 of 4 runs")
 
 
+def shell_lines(page: Path) -> list[str]:
+    """Commands of a page, one a line."""
+    shell = re.findall(r"^```sh\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    return "".join(shell).splitlines()
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/tutorials/your_file.md"])
+def test_pages_write_the_files_that_their_commands_read(page: str) -> None:
+    """In an empty folder: what a command reads, a line before it, or a block of the page, has written."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    blocks = re.findall(r"^```(?:python|toml)\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    there = set(re.findall(r"# *([\w-]+\.toml)", "".join(blocks)))
+    for command in shell_lines(ROOT / page):
+        words = command.partition("#")[0].replace('"', " ").replace(")", " ").split()
+        named = {word for word in words if re.fullmatch(r"[\w-]+\.(csv|toml|h5)", word)}
+        if words[0] == "python3":
+            there |= named
+        else:
+            assert named <= there, command
+            there |= {words[words.index("--out") + 1]} if "--out" in words else set()
+
+
+def test_the_first_block_of_the_readme_is_within_its_first_screens() -> None:
+    lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
+    assert lines.index("```python") < 60
+    commands = [line for line in lines if re.match("python3 .*(rotorfit demo|pytest)", line)]
+    assert len(commands) == 2
+
+
+def test_the_overview_has_the_digits_of_the_print(make: ModuleType) -> None:
+    fit = make.overview.demo_fit()
+    shown = " ".join(str(fit).split())
+    for value, error, unit in make.overview.numbers(fit).values():
+        assert f"{value} {error} " in shown
+        assert unit in shown
+    assert f"above {fit.threshold_speed().to('rpm').value:.0f}" in shown
+
+
 @pytest.mark.parametrize(
     "page",
     slow_but(PAGES, *(page for page in PAGES if page.name not in LONG_PAGES)),
@@ -78,8 +117,7 @@ def test_blocks_run_and_print_what_is_shown(
     pictures = list(tmp_path.glob("*.png"))
     if page.parent == ROOT / "docs" or page.name == "watch.md":  # others are tested with the command line
         monkeypatch.chdir(tmp_path)  # where the blocks have written the files that the commands read
-        shell = re.findall(r"^```sh\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
-        for command in "".join(shell).splitlines():
+        for command in shell_lines(page):
             assert main(command.split()[1:]) == 0, command
     for picture in pictures:
         assert (ROOT / "docs" / picture.name).is_file(), f"{picture.name}: python docs/make.py"
