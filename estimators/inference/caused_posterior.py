@@ -6,14 +6,15 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from rotorfit.base.array_types import ComplexArray, Float, Index
+from rotorfit.base.array_types import Float, Index
 from rotorfit.estimators.inference.covariance import prior_curvature, prior_slope
 from rotorfit.estimators.inference.joint_errors import joint_step
 from rotorfit.estimators.inference.linear_causes import CausesGiven, LinearCauses
 from rotorfit.estimators.inference.log_posterior import PRIOR_FREEDOM, LogPosterior, Noise
-from rotorfit.estimators.misfit.problem import Problem, robust_weights
+from rotorfit.estimators.misfit.kernels import Batch
+from rotorfit.estimators.misfit.problem import Problem, linear_response, robust_weights
 
-_TOGETHER = 32_768
+_TOGETHER = 65_536
 """Readings of all vectors that are evaluated together: more leave the cache."""
 
 
@@ -45,11 +46,29 @@ class CausedPosterior(LogPosterior):
     ) -> None:
         super().__init__(problem, noise, inflation=inflation, effects=effects, accelerate=accelerate, work=work)
         self.causes, self.taken = causes, taken
-        self._to_channel = np.eye(len(problem.channel_names))[problem.channel]
+        whole = all(linear_response(block) is not None for block in problem.blocks)
+        self._seen = self.batch if whole else Batch(problem, accelerate=False)
         size2, slope = robust_weights(problem.loss, np.abs(problem.residuals(x)) ** 2)
-        sums = size2 @ self._to_channel / inflation
+        sums = self._by_channel(size2) / inflation
         self._levels = np.zeros(sums.size) if noise == "fixed" else 0.5 * np.log((sums + PRIOR_FREEDOM) / self.counts)
-        self._given = CausesGiven(causes=causes, weight=slope * self._precision(self._levels))
+        weight = slope * self._precision(self._levels)
+        self._given = CausesGiven(causes=causes, weight=weight)
+        # What the data tell of causes: columns are sums of few ways in which readings can go.
+        left, told, right = np.linalg.svd(self._seen.in_channels(causes.columns.T).T, full_matrices=False)
+        some = told > 1e-4  # of a standard uncertainty; the square by which the prior alone errs is a hundred millionth
+        self._ways, self._of_ways = left[:, some] * told[some], right[some]
+        parts = self._seen.parts
+        self._grams = np.array([self._ways[part].T @ self._ways[part] for part in parts])
+        self._weights = np.empty(2 * weight.size)
+        for place in self._seen.places:
+            self._weights[place] = weight
+        self._weighed = self._ways * self._weights[:, None]
+        self._onto = self._of_ways @ self._given.covar
+        self._middle = causes.at - self._given.covar @ causes.at
+
+    def _by_channel(self, size2: Float) -> Float:
+        found = np.bincount(self.problem.channel, weights=size2, minlength=len(self.problem.channel_names))
+        return np.asarray(found, dtype=float)
 
     def _precision(self, levels: Float) -> Float:
         """Weight of each reading's square by the level of its noise."""
@@ -70,7 +89,9 @@ class CausedPosterior(LogPosterior):
         """Vectors ``(W, size)`` with what they take up of sizes of causes drawn at random, and these in their units."""
         # Walkers stay where they are for some steps: what is most probable there is worked out once.
         distinct, place = np.unique(vectors[:, : self.problem.space.size], axis=0, return_inverse=True)
-        middle, sizes = self._at_their_best(distinct)[1], np.empty((len(vectors), self.causes.at.size))
+        middle, sizes = np.empty((len(distinct), self.causes.at.size)), np.empty((len(vectors), self.causes.at.size))
+        for some, r in self._misses(distinct):
+            middle[some] = self._sizes(r @ self._weighed)
         for first in range(0, len(vectors), 4096):
             some = slice(first, first + 4096)
             sizes[some] = self._given.drawn(middle[place[some]], rng)
@@ -87,24 +108,32 @@ class CausedPosterior(LogPosterior):
 
     def _at_their_best(self, x: Float) -> tuple[Float, Float]:
         """Sums of squares of each channel and most probable sizes whatever their sign."""
-        sums, sizes = np.empty((len(x), self._to_channel.shape[1])), np.empty((len(x), self.causes.at.size))
-        for some, r in self._residuals(x):
-            beyond = self._given.beyond(r)
-            left = r.view(float) + beyond @ self.causes.rows.T
-            left *= left
-            if self.problem.loss == "linear":
-                sums[some] = left @ np.repeat(self._to_channel, 2, axis=0) / self.inflation
+        sums, sizes = np.empty((len(x), len(self._grams))), np.empty((len(x), self.causes.at.size))
+        parts, loss = self._seen.parts, self.problem.loss
+        for some, r in self._misses(x):
+            if loss == "linear":  # readings of a channel weigh alike: all follows from what is along the ways
+                along = np.array([r[:, part] @ self._ways[part] for part in parts])
+                sizes[some] = self._sizes(np.tensordot(self._weights[[part.start for part in parts]], along, 1))
+                moved = (sizes[some] - self.causes.at) @ self._of_ways.T
+                square = np.array([np.einsum("wr,wr->w", r[:, part], r[:, part]) for part in parts])
+                sums[some] = (square + np.einsum("cwq,wq->cw", 2 * along + moved @ self._grams, moved)).T
             else:
-                rho = robust_weights(self.problem.loss, left[:, ::2] + left[:, 1::2])[0]
-                sums[some] = rho @ self._to_channel / self.inflation
-            sizes[some] = beyond + self.causes.at
-        return sums, sizes
+                sizes[some] = self._sizes(r @ self._weighed)
+                size2 = (r + (sizes[some] - self.causes.at) @ self._of_ways.T @ self._ways.T) ** 2
+                real, imaginary = (size2[:, place] for place in self._seen.places)
+                rho = robust_weights(loss, real + imaginary)[0]
+                sums[some] = [self._by_channel(own) for own in rho]
+        return sums / self.inflation, sizes
 
-    def _residuals(self, x: Float) -> Iterator[tuple[slice, ComplexArray]]:
+    def _misses(self, x: Float) -> Iterator[tuple[slice, Float]]:
         step = max(1, 2 * _TOGETHER // self.problem.n_data)
         for first in range(0, len(x), step):
             some = slice(first, first + step)
-            yield some, np.ascontiguousarray(self.problem.residuals(x[some]))
+            yield some, self._seen.misses(x[some])
+
+    def _sizes(self, along: Float) -> Float:
+        """Most probable sizes whatever their sign by weighed residuals along the ways."""
+        return np.asarray(self._middle - along @ self._onto)
 
     def laplace(self, start: Float) -> tuple[Float, Float]:
         """See :class:`LogPosterior`: the optimum beside causes that are not below zero, and the covariance there
@@ -129,7 +158,7 @@ class CausedPosterior(LogPosterior):
             if self.noise == "fixed":
                 break
             left = self.problem.residuals(x) + causes.columns @ (sizes - causes.at)
-            sums = np.abs(left) ** 2 @ self._to_channel / self.inflation
+            sums = self._by_channel(np.abs(left) ** 2) / self.inflation
             new = 0.5 * np.log((sums + PRIOR_FREEDOM) / self.counts)
             moved, levels = np.abs(new - levels).max(), new
             if moved < 1e-3:

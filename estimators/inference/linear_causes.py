@@ -60,14 +60,6 @@ class CausesGiven:
         gram = rows.T @ (rows * np.repeat(self.weight, 2)[:, None])
         return np.asarray(np.linalg.inv(np.eye(self.causes.at.size) + gram))
 
-    @cached_property
-    def _down(self) -> Float:
-        return np.ascontiguousarray(-self.covar @ (self.causes.rows * np.repeat(self.weight, 2)[:, None]).T).T
-
-    def beyond(self, r: ComplexArray) -> Float:
-        """Most probable sizes whatever their sign, less those where they were solved, by residuals ``(W, R)``."""
-        return r.view(float) @ self._down - self.covar @ self.causes.at
-
     def log_one_sign(self, sizes: Float) -> Float:
         """Logarithm of the probability that none of one sign is negative, by most probable sizes ``(W, k)``: sign by
         sign, what is left of the others taken as normal (Mendell and Elston 1974), which errs by some per cent."""
@@ -121,13 +113,14 @@ class CausesGiven:
     def _along(self, middle: Float, uniform: Float) -> tuple[Float, Float]:
         """Normal vectors cut at zero, drawn entry by entry from uniform numbers ``(W, N, k)``, and the logarithms of
         their weights (Geweke, Hajivassiliou and Keane); shapes ``(W, N, k)`` and ``(W, N)``."""
-        from scipy.special import log_ndtr, ndtr, ndtri  # late: loading it takes longer than a fit
+        from scipy.special import ndtr, ndtri  # late: loading it takes longer than a fit
 
         root = self._root
         weights = np.zeros(uniform.shape[:2])
         white = np.zeros((*weights.shape, len(root)))
         for j, row in enumerate(root):
             room = (middle[:, None, j] + white[..., :j] @ row[:j]) / row[j]
-            weights += log_ndtr(room)
-            white[..., j] = -ndtri(np.maximum(uniform[..., j] * ndtr(room), 1e-300))
+            share = np.maximum(ndtr(room), 1e-300)
+            weights += np.log(share)
+            white[..., j] = -ndtri(np.maximum(uniform[..., j] * share, 1e-300))
         return weights, middle[:, None, :] + white @ root.T

@@ -80,15 +80,17 @@ def robust_cost(loss: Loss, size2: Any) -> Any:
     return c2 * ca.log1p(size2 / c2)
 
 
-def _pattern_graph(model: RotorModel, pattern: Pattern) -> tuple[ca.SX, ca.SX, list[ca.SX], list[ca.SX]]:
+def _pattern_graph(
+    model: RotorModel, pattern: Pattern
+) -> tuple[ca.SX, ca.SX, list[ca.SX], list[ca.SX], list[tuple[ca.SX, ca.SX]]]:
     """All symbols of one node, coefficients first, in the order of :func:`_spelling`; the coefficients, the gains (re,
-    im of each entry), and the squared residuals."""
+    im of each entry), the squared residuals, and the residuals if a weight stands for its root."""
     _, _, coefficients, places = _coefficient_graph(model)
     c, w = ca.SX.sym("c", coefficients.numel()), ca.SX.sym("w")
     adj, det = _adjugate(_kappa(model, c, places, w))
     size = len(model.coordinates)
     inverse = 1 / (det[0] ** 2 + det[1] ** 2)
-    data, gains, directions, rho = [], [], [], []
+    data, gains, directions, rho, misses = [], [], [], [], []
     for row, column in pattern.entries:
         target, weight, gain = ca.SX.sym("t", 2), ca.SX.sym("wt"), ca.SX.sym("g", 2)
         u = ca.SX.sym("u", 2 * size)
@@ -102,10 +104,12 @@ def _pattern_graph(model: RotorModel, pattern: Pattern) -> tuple[ca.SX, ca.SX, l
         miss = _times((target[0], target[1]), det)
         size2 = ((value[0] - miss[0]) ** 2 + (value[1] - miss[1]) ** 2) * inverse * weight
         rho.append(robust_cost(pattern.loss, size2))
+        ahead = _times(value, (det[0], -det[1]))
+        misses.append(((ahead[0] * inverse - target[0]) * weight, (ahead[1] * inverse - target[1]) * weight))
         data.append(ca.vertcat(target, weight))
         gains.append(gain)
         directions.append(u)
-    return ca.vertcat(c, w, *data, *gains, *directions), c, gains, rho
+    return ca.vertcat(c, w, *data, *gains, *directions), c, gains, rho, misses
 
 
 def _spelling(model: RotorModel, pattern: Pattern, n_coefficients: int) -> tuple[list[str], list[str]]:
@@ -138,15 +142,18 @@ _DATA = (
 
 
 def _pattern_source(model: RotorModel, pattern: Pattern, number: int) -> str:
-    inputs, c, gains, rho = _pattern_graph(model, pattern)
+    inputs, c, gains, rho, misses = _pattern_graph(model, pattern)
     names, hoisted = _spelling(model, pattern, c.numel())
     count = len(pattern.entries)
 
-    def loop(name: str, arguments: str, results: list[ca.SX], sums: Sequence[str]) -> str:
-        """A function that sums results over the nodes of a segment into the places given."""
-        body = statements(ca.Function(name, [inputs], [ca.vertcat(*results)]), names.__getitem__, "a{} += {}".format)
+    def loop(name: str, arguments: str, results: list[ca.SX], sums: Sequence[str], to: Sequence[str] = ()) -> str:
+        """A function that sums results over the nodes of a segment into the places given, or writes them ``to`` places
+        from which on those of all nodes follow."""
+        write = ("a{}[l] = {}" if to else "a{} += {}").format
+        body = statements(ca.Function(name, [inputs], [ca.vertcat(*results)]), names.__getitem__, write)
+        begin = [f"a{k} = out[{place}:]" for k, place in enumerate(to)] or [f"a{k} = 0.0" for k in range(len(sums))]
         text = [f"@inner\ndef {name}(c, {_DATA}, {arguments}):"]
-        text += [f"    {line}" for line in (*hoisted, *(f"a{k} = 0.0" for k in range(len(sums))))]
+        text += [f"    {line}" for line in (*hoisted, *begin)]
         text.append("    for l in range(last - first):")
         text += [f"        {line}" for line in body]
         text += [f"    {place} += a{k}" for k, place in enumerate(sums)]
@@ -159,8 +166,11 @@ def _pattern_source(model: RotorModel, pattern: Pattern, number: int) -> str:
         slopes += [ca.densify(ca.gradient(total, g)) for g in gains]
         places += [f"seed_{part}[gain[entry + {e}]]" for e in range(count) for part in ("re", "im")]
     values = [ca.densify(ca.vertcat(*rho))]
-    return loop(f"sums_{number}", "channel, out", values, [f"out[channel[entry + {e}]]" for e in range(count)]) + loop(
-        f"slopes_{number}", "cost, seed, seed_re, seed_im", slopes, places
+    parts = [f"place_{part}[entry + {e}]" for e in range(count) for part in ("re", "im")]
+    return (
+        loop(f"sums_{number}", "channel, out", values, [f"out[channel[entry + {e}]]" for e in range(count)])
+        + loop(f"slopes_{number}", "cost, seed, seed_re, seed_im", slopes, places)
+        + loop(f"misses_{number}", "place_re, place_im, out", [part for miss in misses for part in miss], (), parts)
     )
 
 
@@ -227,13 +237,14 @@ _PULLED = """for k in range(group.size):
 
 @lru_cache(maxsize=16)
 def source(model: RotorModel, patterns: tuple[Pattern, ...]) -> str:
-    """Source of ``sums`` and ``slopes`` for a model read in given ways; ``np``, ``inner``, ``outer`` are around it."""
+    """Source of ``sums``, ``slopes`` and ``misses`` of a model read in given ways, for a module with decorators."""
     n = _coefficient_graph(model)[2].numel()
     parts = [_model_source(model), *(_pattern_source(model, p, i) for i, p in enumerate(patterns))]
     prepare = f"seed = np.empty((group.size, {n}))\n    by_theta = np.empty(template.shape[1])"
     for name, results, own, *more in (
         ("sums", "channel, out", "channel, out[m]", "", "", ""),
         ("slopes", "cost, by_x, seed_re, seed_im", _OWN_SLOPES, prepare, "seed[:] = 0.0", _PULLED),
+        ("misses", "place_re, place_im, out", "place_re, place_im, out[m]", "", "", ""),
     ):
         texts = dict(zip(("prepare", "begin", "end"), more, strict=True))
         calls = "\n            ".join(

@@ -198,6 +198,41 @@ class Batch:
         out[:, self._channels], out[:, ~self._channels] = self._kernels.channel_sums(x), self._rest.channel_sums(x)
         return out
 
+    def misses(self, x: Float) -> Float:
+        """Whitened residuals, those of each channel together, their real parts before their imaginary ones, each
+        turned as :meth:`in_channels` turns columns, shape ``(W, 2 R)``; of a problem that is compiled as a whole or
+        not at all."""
+        if self._kernels is not None:
+            return self._kernels.misses(x, self.places)
+        return self.in_channels(np.ascontiguousarray(self.problem.residuals(x)))
+
+    def in_channels(self, columns: ComplexArray) -> Float:
+        """Numbers of all readings ``(..., R)`` in the order of :meth:`misses`, shape ``(..., 2 R)``."""
+        columns = columns * self._turn
+        found = np.empty((*columns.shape[:-1], 2 * columns.shape[-1]))
+        found[..., self.places[0]], found[..., self.places[1]] = columns.real, columns.imag
+        return found
+
+    @cached_property
+    def parts(self) -> list[slice]:
+        """Places of each channel in the order of :meth:`misses`."""
+        ends = np.cumsum(self.problem.channel_counts).tolist()
+        return [slice(first, end) for first, end in zip([0, *ends], ends, strict=False)]
+
+    @cached_property
+    def places(self) -> tuple[Index, Index]:
+        """Places there of both parts of each reading, those of an entry of the kernels one after the other."""
+        channel, counts = self.problem.channel, self.problem.channel_counts // 2
+        order = np.arange(channel.size) if self._kernels is None else self._kernels.readings
+        order, place = order[np.argsort(channel[order], kind="stable")], np.empty(channel.size, dtype=np.intp)
+        place[order] = np.arange(channel.size)
+        place += (np.cumsum(counts) - counts)[channel]
+        return place, place + counts[channel]
+
+    @cached_property
+    def _turn(self) -> ComplexArray | float:
+        return 1.0 if self._kernels is None else self._kernels.turn
+
     def cost_and_gradient(self, x: Float) -> tuple[Float, Float]:
         """Costs of the problem and their exact gradients, shapes ``(W,)`` and ``(W, p)``."""
         return self._sums(x, None, None)
@@ -244,6 +279,27 @@ class Kernels:
         x, out = np.ascontiguousarray(x, dtype=float), np.zeros((len(x), len(self.problem.channel_names)))
         if x.size:
             self._functions["sums"](x, *self._fixed, *self._data, *_split(self._gains(x)), self._plan.channel, out)
+        return out
+
+    @property
+    def readings(self) -> Index:
+        """Readings in the order of the kernels."""
+        return self._plan.reading
+
+    @cached_property
+    def turn(self) -> ComplexArray:
+        """By which each reading is turned so that its force drives it without phase, shape ``(R,)``."""
+        drive, found = self._plan.drive, np.empty(self._plan.drive.size, dtype=complex)
+        found[self._plan.reading] = drive.conj() / np.abs(drive)
+        return found
+
+    def misses(self, x: Float, places: tuple[Index, Index]) -> Float:
+        """Whitened residuals at the places of both parts of each reading, turned, shape ``(W, 2 R)``."""
+        x, first = np.ascontiguousarray(x, dtype=float), self._plan.reading[self._plan.datum]
+        out, (re, im, weight) = np.empty((len(x), 2 * self._plan.reading.size)), self._data
+        if x.size:
+            data = (re, im, np.sqrt(weight), *_split(self._gains(x)))
+            self._functions["misses"](x, *self._fixed, *data, places[0][first], places[1][first], out)
         return out
 
     def sorted(self, measured: ComplexArray) -> tuple[Float, Float]:

@@ -15,6 +15,7 @@ from scipy import stats
 from rotorfit.estimators.minimisation.batch import batch_fit, with_measured
 from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit import accelerator
+from rotorfit.estimators.misfit.kernels import Batch
 from rotorfit.estimators.misfit.priors import Prior
 from rotorfit.estimators.misfit.problem import LOSSES
 
@@ -51,6 +52,20 @@ def make():
 def test_misfit_and_gradient_are_those_of_one_at_a_time(make, name, accelerate):
     problem, truth = make(name)
     check(problem, truth * (1 + 0.02 * np.random.default_rng(2).normal(size=(MEMBERS, truth.size))), accelerate)
+
+
+@pytest.mark.parametrize(("name", "accelerate"), [("whirl-whip", True), ("anisotropic", False)])
+def test_misses_are_those_of_one_at_a_time(make, name, accelerate):
+    """Channel by channel, and turned as columns beside them are."""
+    problem, truth = make(name)
+    batch = Batch(problem, accelerate=accelerate)
+    x = truth * (1 + 0.02 * np.random.default_rng(2).normal(size=(MEMBERS, truth.size)))
+    found = batch.misses(x)
+    squares = np.array([np.sum(found[:, part] ** 2, axis=1) for part in batch.parts]).T
+    np.testing.assert_allclose(squares, problem.channel_sums(x), rtol=1e-10)
+    columns = problem.jacobian(truth)[1]
+    products = np.array([(columns.conj().T @ problem.residuals(row)).real for row in x])
+    np.testing.assert_allclose(found @ batch.in_channels(columns.T).T, products, rtol=1e-9)
 
 
 @pytest.mark.parametrize("accelerate", [False, True])

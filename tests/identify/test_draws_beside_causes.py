@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -10,7 +11,9 @@ from posteriors import KNOWN, one_mode_test
 from scipy import stats
 
 import rotorfit as rf
+from rotorfit.estimators.inference.caused_posterior import CausedPosterior
 from rotorfit.estimators.inference.linear_causes import CausesGiven, LinearCauses
+from rotorfit.estimators.misfit.problem import robust_weights
 from rotorfit.identify.uncertainty.target import caused_problem
 from rotorfit.models import OneMode
 
@@ -40,14 +43,7 @@ def test_whitening_is_the_joint_solve() -> None:
     """``W = I - U (1 - 1 / sqrt(1 + d^2)) U'`` applied to residuals and Jacobian against sizes solved with values."""
     r, J, B = linear()
     real = lambda a: np.concatenate([a.real, a.imag])  # noqa: E731
-    U, d, _ = np.linalg.svd(real(B), full_matrices=False)
-    W = np.eye(80) - (U * (1 - 1 / np.sqrt(1 + d**2))) @ U.T
-    causes = LinearCauses(columns=B, at=np.zeros(6), size=np.ones(6), one_sided=np.zeros(6, dtype=bool))
-    given = CausesGiven(causes=causes, weight=np.ones(40))
-    sizes = given.beyond(np.ascontiguousarray(r))
-    left = r + sizes @ B.T
-    square = float(np.sum(np.abs(left) ** 2) + np.sum(sizes**2))
-    np.testing.assert_allclose(square, np.sum((W @ real(r[0])) ** 2), rtol=1e-10)
+    W = whitening(real(B))
     rows = np.hstack([real(J), real(B)])
     whole = np.linalg.inv(rows.T @ rows + np.diag([0.0] * 3 + [1.0] * 6))
     np.testing.assert_allclose(whole[:3, :3], np.linalg.inv(real(J).T @ W @ W @ real(J)), rtol=1e-10)
@@ -55,16 +51,37 @@ def test_whitening_is_the_joint_solve() -> None:
     np.testing.assert_allclose(step, (-whole @ rows.T @ real(r[0]))[:3], rtol=1e-10)
 
 
-def test_sizes_solved_elsewhere_are_the_same() -> None:
-    """Residuals with causes taken out and sizes about these: the prior stays about none."""
-    r, _, B = linear()
-    free = {"size": np.ones(6), "one_sided": np.zeros(6, dtype=bool), "columns": B}
+def whitening(rows: np.ndarray) -> np.ndarray:
+    U, d, _ = np.linalg.svd(rows, full_matrices=False)
+    return np.eye(len(rows)) - (U * (1 - 1 / np.sqrt(1 + d**2))) @ U.T
+
+
+@pytest.mark.parametrize("accelerate", [False, True])
+@pytest.mark.parametrize("loss", ["linear", "huber"])
+def test_the_density_is_that_of_white_residuals(loss: str, accelerate: bool) -> None:
+    """Of sizes of either sign, solved somewhere: ``-|W r|^2 / 2`` about none, at once for many vectors; with a robust
+    loss the cost at the sizes by the weights of the optimum."""
+    fit = fitted("one mode")
+    problem = replace(fit.problem, loss=loss)
+    columns = linear()[2][np.arange(problem.measured.size) % 40] / 3
     at = np.array([1.0, -0.5, 0.0, 2.0, 0.3, -1.0])
-    none, some = (
-        CausesGiven(causes=LinearCauses(at=place, **free), weight=np.full(40, 0.7)) for place in (np.zeros(6), at)
-    )
-    sizes = none.beyond(np.ascontiguousarray(r))
-    np.testing.assert_allclose(some.beyond(np.ascontiguousarray(r + at @ B.T)) + at, sizes, rtol=1e-10, atol=1e-12)
+    causes = LinearCauses(columns=columns, at=at, size=np.ones(6), one_sided=np.zeros(6, dtype=bool))
+    taken = np.zeros((fit.x.size, 6))
+    target = CausedPosterior(problem, "fixed", causes, fit.x, taken=taken, accelerate=accelerate)
+    x = fit.x * (1 + 0.01 * np.random.default_rng(2).normal(size=(4, fit.x.size)))
+    real = lambda a: np.concatenate([a.real, a.imag], axis=-1)  # noqa: E731
+    r = problem.residuals(x)
+    if loss == "linear":
+        white = real(r - at @ columns.T) @ whitening(real(columns.T).T)
+        expected = -0.5 * np.sum(white**2, axis=1)
+    else:
+        weight = robust_weights(loss, np.abs(problem.residuals(fit.x)) ** 2)[1]
+        B = real(columns.T).T
+        covar = np.linalg.inv(np.eye(6) + B.T @ (np.tile(weight, 2)[:, None] * B))
+        sizes = at - covar @ at - (real(r) * np.tile(weight, 2)) @ B @ covar
+        left = np.abs(r + (sizes - at) @ columns.T) ** 2
+        expected = -0.5 * (robust_weights(loss, left)[0].sum(axis=1) + np.sum(sizes**2, axis=1))
+    np.testing.assert_allclose(target(x), expected, rtol=1e-7)
 
 
 def test_signs_are_those_of_the_normal_distribution() -> None:
