@@ -28,6 +28,13 @@ def set_speeds(speed: Float, frequency: Float, run: Index, tolerance: float = SP
     return found
 
 
+ONLY_1X = (
+    "all forces turn with the shaft (1x), which shows a fluid's D (1 - lam) as one number: a threshold speed needs D "
+    "and lam apart, hence forces at other frequencies too, forward and backward, or lam known (known=, --known)"
+)
+"""Why synchronous data give no threshold speed."""
+
+
 def once_per_turn(frequency: Float, speed: Float) -> Bool:
     """Readings at once-per-turn frequency."""
     synchronous_tolerance = 1e-4  # A reading is 1x when its frequency equals its speed to this fraction of the speed

@@ -67,7 +67,14 @@ class Identifiability:
             f"{self.rank} of {self.size} parameter combinations determined, condition number "
             f"{significant(self.condition, 2)}"
         )
-        return "\n".join([head, *("  " + c.message for c in self.combinations)])
+        silent = [c.names[0] for c in self.combinations if len(c.names) == 1 and np.isinf(c.stderr)]
+        if len(silent) < 2:
+            return "\n".join([head, *("  " + c.message for c in self.combinations)])
+        others = [c.message for c in self.combinations if len(c.names) > 1 or not np.isinf(c.stderr)]
+        together = (
+            f"{', '.join(silent)} are not observable: they have no influence on these data. Fix them or give priors."
+        )
+        return "\n".join([head, *("  " + message for message in (together, *others))])
 
 
 def natural_scales(model: RotorModel, base: Sequence[str], values: Float, stiffness: float, frequency: float) -> Float:

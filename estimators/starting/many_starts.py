@@ -24,6 +24,7 @@ from rotorfit.base.digits import significant
 from rotorfit.base.significance import OPEN_ERRORS, SIGNIFICANT_ERRORS
 from rotorfit.estimators.blocks.observations import Responses, linear_responses
 from rotorfit.estimators.blocks.response import dynamic_stiffness
+from rotorfit.estimators.blocks.set_speeds import ONLY_1X, once_per_turn
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.signals.ratios import best_ratio
 from rotorfit.estimators.starting.closed_form import ClosedFormError, closed_form
@@ -124,11 +125,12 @@ def _refuse_undetermined(problem: Problem, blocks: Sequence[Responses]) -> None:
     read = names[np.unique(np.concatenate([block.coordinate for block in blocks]))]
     driven = names[np.unique(np.concatenate([np.nonzero(block.force)[1] for block in blocks]))]
     missing = ", ".join(name for name in names.tolist() if name not in read or name not in driven)
+    turning = all(once_per_turn(block.frequency, block.speed).all() for block in blocks)
     raise ValueError(
         f"none of the {len(problem.space.names)} values of {problem.space.model.name} can be determined from these "
         f"data: readings are of {', '.join(read)} under forces on {', '.join(driven)}, and other values can make up "
         f"for each. {f'Read and force {missing} too, give' if missing else 'Give'} values that are known, or fit a "
-        "model with fewer"
+        f"model with fewer{f'; {ONLY_1X}' if turning and problem.space.model.speed_dependent else ''}"
     )
 
 

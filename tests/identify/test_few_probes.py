@@ -130,3 +130,27 @@ def test_the_sense_of_a_mode_is_that_of_its_orbit_and_not_the_sign_of_a_zero() -
     s = rf.models.eigenvalues(z, z.vector(values), w)
     at = s[[np.argmin(np.abs(s - slow))]]
     assert whirl_sense(z, z.vector(values), w, at).tolist() == [1]
+
+
+def test_why_weights_alone_give_no_threshold() -> None:
+    """At w = Om a fluid pushes with j D (w - lam Om) = j D (1 - lam) w, one number."""
+    rng, w, noise = np.random.default_rng(2), np.linspace(20.0, 300.0, 60), 2e-7
+    force = 1e-4 * w**2
+    motion = force / (25e3 - 1.6 * w**2 + 1j * (5.0 + 300.0 * (1 - 0.45)) * w)
+    read = np.concatenate([motion, -1j * motion]) + noise * (rng.normal(size=120) + 1j * rng.normal(size=120))
+    both, axis = np.tile(w, 2), np.repeat(["x", "y"], w.size)
+    at = np.full(axis.size, "journal")
+    test = rf.PerturbationTest(
+        run=at, speed=both, frequency=both, force_plane=at, force=np.tile(force, 2) + 0j, plane=at, direction=axis,
+        response=read, sigma=np.full(axis.size, noise), source="weights",
+    )  # fmt: skip
+    with refuses(ValueError):
+        rf.fit(rf.models.OneMode(), test)
+    fit = plain_fit(rf.models.OneMode(), test, known={"Mf": 0.1, "Ds": 5.0, "K0": 5e3})
+    assert set(fit.identifiability.unresolved) == {"M", "D", "lam"}
+    text = " ".join(fit.summary().split())
+    assert "threshold speed: not determined by these data: all forces turn with the shaft (1x)" in text
+    assert "identifiability: 3 of 4 parameter combinations determined, condition number inf M, D, lam only" in text
+    known = plain_fit(rf.models.OneMode(), test, known={"Mf": 0.1, "Ds": 5.0, "K0": 5e3, "lam": 0.45})
+    assert abs(known.params["D"].value - 300.0) < 4 * known.params["D"].stderr
+    assert "all forces turn with the shaft" not in known.summary()

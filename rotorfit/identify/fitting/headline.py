@@ -213,7 +213,7 @@ def _least_damping(fit: FitResult) -> Iterator[KeyNumber]:
     speed = top_speed(fit)
     swinging = [
         (mode, zeta)
-        for mode, _, zeta in named_modes(modes_at(fit, speed), sensed=fit.model.speed_dependent)
+        for mode, _, zeta in named_modes(modes_at(fit, speed), sensed=speed > 0)
         if abs(zeta.value) < OVERDAMPED
     ]
     if not swinging:
@@ -222,7 +222,7 @@ def _least_damping(fit: FitResult) -> Iterator[KeyNumber]:
     mode, zeta = min(swinging, key=lambda one: (float(significant(one[1].value, 9)), not one[0].endswith("F")))
     decrement = decrement_of(zeta)
     where = f" at {significant(speed * RPM_PER_RAD_S, 4)} rpm" if fit.model.speed_dependent else ""
-    name = mode if fit.model.speed_dependent else f"mode {mode}"
+    name = mode if speed > 0 else f"mode {mode}"
     meaning = f"log. decrement{where}"
     yield KeyNumber(name=f"least damping, {name}", meaning=meaning, quantity=decrement, unit="log dec")
 
@@ -233,13 +233,13 @@ def top_speed(fit: FitResult) -> float:
 
 
 def modes_at(fit: FitResult, speed: float) -> list[tuple[Quantity, Quantity]]:
-    """Natural frequencies and damping ratios at a speed, of modes in the tested band, in the last condition; where no
-    speed tells forward from backward, each once."""
+    """Natural frequencies and damping ratios at a speed, of modes in the tested band, in the last condition; at rest,
+    where nothing tells forward from backward, each once."""
     modes = fit.natural_frequencies(speed, _at(fit, len(fit.thetas) - 1))
     seen = [(w, zeta) for w, zeta in modes if abs(w.value) <= fit.band]
-    if fit.model.speed_dependent:
+    if speed > 0:
         return seen
-    ahead = [mode for mode in seen if fit.model.frame == "xy" or mode[0].value >= 0]
+    ahead = [mode for mode in seen if fit.model.frame == "xy" or mode[0].value > -1e-9 * fit.band]
     each = {tuple(significant(abs(q.value), 9) for q in mode): mode for mode in ahead}  # but for round-off
     return list(each.values())
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rotorfit.estimators.blocks.set_speeds import ONLY_1X
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.experiments import perturbations
 from rotorfit.lab.data.findings import Finding
@@ -47,6 +48,8 @@ def _notes(fit: FitResult) -> Iterator[Finding]:
         yield Finding("note", "cause", text, remedy=row.way_out, origin="fit")
     for text in _of_one_probe(fit):
         yield Finding("note", "one-probe", text)
+    if fit.model.of_modes and all(test.synchronous for test in fit.experiments):
+        yield Finding("note", "only-1x", f"no threshold speed: {ONLY_1X}")
     for caveat in fit.model.caveats:
         yield Finding("note", "model", caveat, origin="model")
     for other in fit.other_solutions:

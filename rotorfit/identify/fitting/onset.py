@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.units import RPM_PER_RAD_S
+from rotorfit.estimators.blocks.set_speeds import ONLY_1X
 from rotorfit.identify.fitting.causes.slopes import onset_slopes, onset_term_slopes, onset_with_causes
 from rotorfit.identify.fitting.judge import why_not_refined
 from rotorfit.identify.fitting.propagation import propagated, with_error
@@ -93,6 +94,11 @@ def onset_note(fit: FitResult, group: int) -> str:
     """Limits of the threshold speed of a parameter group; empty where its whirl lies in the tested band."""
     if not fit.model.speed_dependent or not math.isfinite(fit.band):
         return ""
+    only_1x = math.isinf(onset_of(fit, group).stderr) and all(test.synchronous for test in fit.experiments)
+    return ONLY_1X if only_1x else _limits(fit, group)
+
+
+def _limits(fit: FitResult, group: int) -> str:
     onset = fit.onset(group)
     if onset is None and math.isfinite(fit.stability_band):
         if math.isnan(onset_of(fit, group).value):

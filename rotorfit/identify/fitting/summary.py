@@ -144,7 +144,7 @@ def fit_table(fit: FitResult, findings: Sequence[Finding] | None = None) -> str:
     folded = [f"corrected for {words}: {len(correction_names(fit.model))} values, listed last"] if blocks else []
     # ``known`` values and shares of errors stand in the table; below it is what a reader looks up.
     conditions = lines_by_condition(fit)
-    below = [] if conditions and not fit.identifiability.unresolved else [f"identifiability: {fit.identifiability}"]
+    below = [] if conditions and not fit.identifiability.unresolved else _verdict_lines(fit)
     below += [
         f"  - determined: {words}" for words in (combined(fit, c) for c in fit.identifiability.combinations) if words
     ]
@@ -169,6 +169,10 @@ def fit_table(fit: FitResult, findings: Sequence[Finding] | None = None) -> str:
         ["structural corrections", *corrections] if corrections else [],
     ]
     return "\n\n".join("\n".join(lines) for lines in parts if lines)
+
+
+def _verdict_lines(fit: FitResult) -> list[str]:
+    return f"identifiability: {fit.identifiability}".splitlines()
 
 
 def _about(fit: FitResult) -> Iterator[tuple[str, str]]:
@@ -197,8 +201,8 @@ def _mode_lines(fit: FitResult) -> list[str]:
     speed = top_speed(fit)
     where = f"MODES at {significant(speed * RPM_PER_RAD_S, 4)} rpm" if fit.model.speed_dependent else "MODES"
     rows = [[where, "frequency, rpm", "damping ratio", "log. decrement"]]
-    for name, frequency, ratio in named_modes(modes_at(fit, speed), sensed=fit.model.speed_dependent):
-        way = "" if not fit.model.speed_dependent else "forward" if name.endswith("F") else "backward"
+    for name, frequency, ratio in named_modes(modes_at(fit, speed), sensed=speed > 0):
+        way = {"F": "forward", "B": "backward"}.get(name[-1], "")
         swings = abs(ratio.value) < OVERDAMPED
         cells = [abs(frequency).to("rpm").shown().number, ratio.shown().number] if swings else ["overdamped", ""]
         rows.append([f"{name}  {way}".rstrip(), *cells, decrement_of(ratio).shown().number if swings else ""])
