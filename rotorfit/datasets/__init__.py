@@ -15,8 +15,8 @@ from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.kinds.coefficient_table import CoefficientTable
 
 __all__ = [
-    "names", "path", "published_two_disk", "rig_lumped", "rig_open", "rk4", "rk4_runup", "seal_muszynska_tum", "truth",
-    "two_disk", "volts",
+    "names", "operation", "path", "published_two_disk", "rig_lumped", "rig_open", "rk4", "rk4_runup",
+    "seal_muszynska_tum", "truth", "two_disk", "volts",
 ]  # fmt: skip
 
 
@@ -86,6 +86,12 @@ def volts() -> list[Path]:
     """Files of raw signals: sweeps of 10 s of a perturbator at disk and journal, both ways, with probes and Keyphasors.
     They were made as ``truth("volts")`` says; :func:`rotorfit.read_recording` opens one."""
     return [path(f"volts_{plane}-{way}.h5") for plane in ("disk", "journal") for way in ("fwd", "bwd")]
+
+
+def operation() -> Path:
+    """File of raw signals of a rotor in operation: 90 s at 2400 rpm, two planes, shaken by its turbulent flow. It was
+    made as ``truth("operation")`` says; :func:`rotorfit.read_recording` opens it."""
+    return path("operation.h5")
 
 
 def seal_muszynska_tum() -> CoefficientTable:

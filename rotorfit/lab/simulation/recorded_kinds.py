@@ -297,7 +297,9 @@ def operating(rig: RecordedRig, *, speed_rpm: ArrayLike = 1500.0, duration: floa
         shaft = rig.shaft(rpm * RPM)
         time = rig.instruments.time(rig.settling(rpm * RPM) + duration)
         last = slice(-rig.instruments.time(duration).size, None)
-        run = rig.run(f"operating-{rpm:g}", shaft, _turning(shaft, own), time, {"speed_rpm": rpm})
+        run = rig.run(
+            f"operating-{rpm:g}", shaft, _turning(shaft, own) if rig.residual else {}, time, {"speed_rpm": rpm}
+        )
         yield replace(run, motion={plane: z[last] for plane, z in run.motion.items()}, shaft=run.shaft[last])
 
 
