@@ -84,7 +84,7 @@ def _test() -> PerturbationTest:
 
 
 def _columns(path: Path) -> list[Any]:
-    test = rf.read(path, difference=False, on_finding=None)
+    test = rf.read(path, difference=False)
     return [getattr(test, name) for name in test._columns()]
 
 

@@ -224,6 +224,7 @@ def test_walkers_stuck_on_two_peaks_are_not_converged():
 def test_a_run_cut_short_says_so():
     post = quick(rf.fit(OneMode(), one_mode_test(), known=KNOWN, causes=None), max_steps=60)
     assert not post.converged
+    assert [f.code for f in post.findings if f not in post.fit.findings] == ["sampling"]
     assert "not converged" in post.message
     assert post.summary().startswith("NOT CONVERGED")
     assert post.settings.steps == 60

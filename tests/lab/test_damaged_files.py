@@ -164,4 +164,4 @@ def test_numbers_that_have_no_squares_are_refused(tmp_path: Path, column: int, c
     with pytest.raises(
         ValueError, match=r"a\.csv: reading \d+: \w+ is -?[\d.e+]+ .*(numbers may be up to|up to 1e\+10 are allowed)"
     ):
-        rf.read(tmp_path / "a.csv", on_finding=None)
+        rf.read(tmp_path / "a.csv")

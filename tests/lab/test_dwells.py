@@ -70,10 +70,12 @@ def test_each_dwell_gives_a_line_with_an_error_that_holds(test_of_dwells: rf.Per
 
 
 def test_dwells_on_an_order_are_left_out_in_words_and_the_rest_fits(stepped: list[rf.Recording]) -> None:
-    found: list[rf.Finding] = []
-    test = rf.responses(stepped, on_finding=found.append)
+    test = rf.responses(stepped)
+    found = test.findings
     assert [(f.code, "1 of 7 lines left out" in f.message) for f in found] == [("lines-at-orders", True)] * 4
     fit = plain_fit(RIG, test, known={"K3": 6e3, "sigma": 1.0})
+    assert {f.message for f in test.findings} <= {f.message for f in fit.findings}  # a fit tells what recordings showed
+    assert len(test.select(test.plane == test.plane[0]).findings) == 4
     for name in ("Md", "K0", "D", "lam"):
         assert abs(fit.params[name].value - VALUES[name]) < 4 * fit.params[name].stderr, name
 
@@ -119,9 +121,9 @@ def unmarked(folder: Path, frequency: float, wander: float = 0.0) -> rf.Recordin
 
 
 def test_a_dwell_without_a_mark_has_its_size_and_a_free_phase(tmp_path: Path) -> None:
-    found: list[rf.Finding] = []
-    test = rf.responses(unmarked(tmp_path, 33.217), on_finding=found.append)
-    assert [finding.code for finding in found] == ["phase-datum"]
+    test = rf.responses(unmarked(tmp_path, 33.217))
+    found = test.findings
+    assert [finding.code for finding in found] == ["phase-datum", "steady-perturbation"]  # of responses, of a recording
     assert 'phase_offsets="common"' in found[0].message
     assert test.frequency == pytest.approx(2 * np.pi * 33.217, abs=1e-3)
     # 40 um; 0.54 um of noise in z over 19200 samples, and its share in x and y
@@ -129,9 +131,10 @@ def test_a_dwell_without_a_mark_has_its_size_and_a_free_phase(tmp_path: Path) ->
     assert (test.sigma < 0.02e-6).all()
     assert np.abs(test.response[1] / test.response[0] + 1j) < 2e-3  # y follows x by a quarter of a turn
     two = [unmarked(tmp_path, f) for f in (27.3, 33.217)]
-    rf.responses(two, on_finding=found.append)
-    assert found[-1].severity == "error"
-    hear(found[-1].message)
+    with pytest.warns(rf.DataWarning):
+        found = rf.responses(two).findings
+    (error,) = (finding for finding in found if finding.severity == "error")
+    hear(error.message)
 
 
 def test_what_has_no_mark_and_is_not_steady_is_refused(tmp_path: Path) -> None:

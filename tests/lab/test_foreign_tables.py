@@ -19,6 +19,8 @@ from rotorfit.lab.data.experiments import FORCE_SIGMA, PerturbationTest
 from rotorfit.lab.io.files import read
 from rotorfit.lab.recordings.formats.files import open_raw
 
+pytestmark = pytest.mark.filterwarnings("ignore::rotorfit.DataWarning")  # of what was left out
+
 HEADER = "run,speed_rpm,frequency_rpm,force_plane,force_N,force_phase_deg,plane,direction,amplitude_um,phase_deg"
 ROWS = [["a", "1500", f"{300 + 60 * i}", "p", "10", "0", "p", "z", f"{4 + i / 7:.4f}", f"{-i}"] for i in range(12)]
 
@@ -48,7 +50,7 @@ def test_all_words_at_once_and_with_decimal_commas(tmp_path: Path) -> None:
         rows[2 * at][8] = mark
     lines = [HEADER.replace(",", ";"), *map(";".join, rows)]
     (tmp_path / "a.csv").write_text("\n".join(lines), encoding="utf-8")
-    test = read(tmp_path / "a.csv", on_finding=lambda finding: None)
+    test = read(tmp_path / "a.csv")
     assert len(test) == 8
     np.testing.assert_allclose(np.abs(test.response[:2]) * 1e6, [float(ROWS[1][8]), float(ROWS[3][8])])
 
@@ -108,7 +110,7 @@ def test_json_with_gaps(tmp_path: Path) -> None:
     rows[2]["amplitude_um"], rows[5]["amplitude_um"] = None, float("nan")
     del rows[7]["phase_deg"]
     (tmp_path / "a.json").write_text(json.dumps(rows), encoding="utf-8")
-    assert len(read(tmp_path / "a.json", on_finding=lambda finding: None)) == 9
+    assert len(read(tmp_path / "a.json")) == 9
 
 
 @pytest.mark.parametrize(
@@ -164,10 +166,9 @@ def stiffness(names: str, factor: float, *, isotropic: bool = False, noise: floa
 )
 def test_published_dynamic_stiffness_gives_all_coefficients(tmp_path: Path, names: str, factor: float) -> None:
     (tmp_path / "a.csv").write_text(stiffness(names, factor), encoding="utf-8")
-    told: list[str] = []
-    test = read(tmp_path / "a.csv", constants={"plane": "seal"}, on_finding=lambda found: told.append(found.message))
-    assert len(told) == 1
-    assert "is what cubic curves over frequency leave over" in told[0]
+    test = read(tmp_path / "a.csv", constants={"plane": "seal"})
+    (told,) = test.findings
+    assert "is what cubic curves over frequency leave over" in told.message
     fit = plain_fit(rf.models.Anisotropic(("seal",)), test)
     assert 0.5 < fit.redchi < 1.6
     for i, axis in enumerate("xy"):
@@ -181,7 +182,7 @@ def test_two_elements_are_an_isotropic_matrix_and_noise_may_be_given(tmp_path: P
     lines = stiffness("{}_H{}_MN_m", 1e6, isotropic=True).splitlines()
     lines = [f"{line},{'sigma_MN_m' if k == 0 else '0.6'}" for k, line in enumerate(lines)]
     (tmp_path / "a.csv").write_text("\n".join(lines), encoding="utf-8")
-    test = read(tmp_path / "a.csv", on_finding=lambda found: None)
+    test = read(tmp_path / "a.csv")
     assert isinstance(test, PerturbationTest)
     assert test.planes == ("journal",)
     np.testing.assert_allclose(test.attributes[FORCE_SIGMA], 0.6 * np.sqrt(2))
@@ -322,11 +323,11 @@ def book(path: Path, points: list[str], columns: dict[str, list[str]] | None = N
 
 def test_sheets_one_a_probe_are_one_test(tmp_path: Path) -> None:
     path = book(tmp_path / "a.xlsx", ["Brg 1 X", "Brg 1 Y", "Brg 2 X"])
-    test = read(path, on_finding=lambda finding: None)
+    test = read(path)
     assert isinstance(test, PerturbationTest)
     assert len(test) == 15
     assert test.planes == ("Brg 1", "Brg 2")
-    alone = read(path, sheet="Brg_1_Y", on_finding=lambda finding: None)
+    alone = read(path, sheet="Brg_1_Y")
     assert isinstance(alone, PerturbationTest)
     assert set(alone.direction.tolist()) == {"y"}
     odd = {"Brg 1 Y": ["Speed (rpm)", "1X Ampl (um pp)", "1X Phase (deg lag)", "Temp (C)"]}

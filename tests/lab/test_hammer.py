@@ -88,8 +88,8 @@ def honest(tests: list[rf.PerturbationTest]) -> None:
 def test_one_blow_a_file(tmp_path: Path, setup: Path) -> None:
     """A transient as smooth as the response to one blow took its place: errors of 100 %."""
     records = [rf.read_recording(strike(tmp_path / f"{k}.h5", [0.3], seed=k), setup) for k in range(4)]
-    found: list[rf.Finding] = []
-    together = rf.responses(records, on_finding=found.append)
+    together = rf.responses(records)
+    found = together.findings
     assert {finding.code for finding in found} <= {"coherence", "lines-at-orders"}
     assert len(together.runs) == 4
     strong = (together.direction == "x") & (together.frequency < 2 * np.pi * 50)
@@ -110,11 +110,11 @@ def test_a_short_file_knows_the_noise_of_its_force(tmp_path: Path, setup: Path) 
 
 
 def codes(path: Path, setup: Path) -> set[str]:
-    found: list[rf.Finding] = []
-    rf.responses(rf.read_recording(path, setup), on_finding=found.append)
+    found = rf.responses(rf.read_recording(path, setup)).findings
     return {finding.code for finding in found}
 
 
+@pytest.mark.filterwarnings("ignore::rotorfit.DataWarning")
 def test_double_hits_and_overloads_are_found(tmp_path: Path, setup: Path) -> None:
     double = strike(tmp_path / "double.h5", [0.3, 0.315], sizes=[20.0, 6.0])
     assert "double-hit" in codes(double, setup)
@@ -157,8 +157,8 @@ def test_a_rotor_at_rest_has_quiet_probes_across_the_blow(tmp_path: Path) -> Non
                 file[f"{plane}_{axis}"] = -10 + 8e3 * (values + 2e-7 * rng.normal(size=t.size))
         file["hammer"] = 0.1 * (force(t).real + 0.01 * rng.normal(size=t.size))
     (tmp_path / "rig.toml").write_text('[force]\nplane = "disk"\nchannel_x = "hammer"\nsensitivity_V_per_N = 0.1\n')
-    found: list[rf.Finding] = []
-    test = rf.responses(rf.read_recording(path, tmp_path / "rig.toml"), on_finding=found.append)
+    test = rf.responses(rf.read_recording(path, tmp_path / "rig.toml"))
+    found = test.findings
     assert not [finding for finding in found if finding.severity == "error"]
     across = test.direction == "y"
     assert across.any()

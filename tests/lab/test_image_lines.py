@@ -52,8 +52,8 @@ def sweep(path: Path, unequal: float, whirl: int, noise: float = 2e-7) -> Path:
 
 
 def codes(path: Path) -> tuple[rf.PerturbationTest, set[str]]:
-    found: list[rf.Finding] = []
-    test = rf.responses(rf.read_recording(path), on_finding=found.append)
+    test = rf.responses(rf.read_recording(path))
+    found = test.findings
     return test, {finding.code for finding in found}
 
 

@@ -66,10 +66,11 @@ def test_a_sample_table_gives_the_vectors_of_the_machine(tmp_path, encoding, suf
     assert set(test.attributes["date"].tolist()) == {"1953-03-03"}
 
 
+@pytest.mark.filterwarnings("ignore::rotorfit.DataWarning")
 def test_what_is_left_out_is_said_with_its_mark_and_line(tmp_path):
-    found = []
     path = written(tmp_path / "export.txt", export(marks={1: "BMA", 2: "*", 4: "BMA"}))
-    test = rf.read(path, on_finding=found.append)
+    test = rf.read(path)
+    found = test.findings
     assert len(test) == 2 * SPEEDS.size - 3
     words = "\n".join(str(finding) for finding in found)
     assert "left out: KPH (V pp)" in words
@@ -77,12 +78,12 @@ def test_what_is_left_out_is_said_with_its_mark_and_line(tmp_path):
     assert "export.txt holds no weight, so its run is a reference run" in words
 
 
+@pytest.mark.filterwarnings("ignore::rotorfit.DataWarning")
 def test_probes_that_are_not_at_right_angles_are_noticed(tmp_path):
-    found = []
-    rf.read(written(tmp_path / "right.txt", export()), on_finding=found.append)
+    found = rf.read(written(tmp_path / "right.txt", export())).findings
     assert "probe-angles" not in [finding.code for finding in found]
     path = written(tmp_path / "askew.txt", export().replace("45°|Left", "30°|Left"))
-    rf.read(path, on_finding=found.append)
+    found = rf.read(path).findings
     (note,) = (finding.message for finding in found if finding.code == "probe-angles")
     assert "BRG1 sit at 45° Right and 30° Left, 75 degrees apart and not 90" in note
     assert '"BRG1=0:75"' in note
@@ -213,11 +214,12 @@ def test_a_bode_table_says_neither_unit_nor_channel(tmp_path):
         rf.read(path, columns=AMPLITUDE)
 
 
+@pytest.mark.filterwarnings("ignore::rotorfit.DataWarning")
 def test_samples_of_a_bode_table_without_a_phase_are_skipped_with_a_word(tmp_path):
-    found = []
     path = written(tmp_path / "bode.csv", bode().replace(phase(X[3]), "---"), "utf-8")
     weight = {"plane": "disk", "direction": "x", "mr_g_mm": 30, "force_phase_deg": 0}
-    test = rf.read(path, columns=AMPLITUDE, constants=weight, on_finding=found.append)
+    test = rf.read(path, columns=AMPLITUDE, constants=weight)
+    found = test.findings
     assert len(test) == 7
     words = "\n".join(map(str, found))
     assert "1 of 8 samples were skipped (no phase: 1; line 5)" in words

@@ -45,6 +45,7 @@ def test_a_dead_channel_is_named(tmp_path: Path) -> None:
     assert "channel disk_X is dead" in codes(tmp_path, channels)["channel-dead"]
 
 
+@pytest.mark.filterwarnings("ignore::rotorfit.DataWarning")
 def test_a_channel_that_stops_for_a_while_is_named_and_left_out(tmp_path: Path) -> None:
     channels = volts(8.0)
     begin, end = round(3.0 * RATE), round(6.2 * RATE)
@@ -56,8 +57,8 @@ def test_a_channel_that_stops_for_a_while_is_named_and_left_out(tmp_path: Path) 
     assert float(low) == pytest.approx(3.0, abs=0.05)
     assert float(high) == pytest.approx(6.2, abs=0.05)
     record = rf.read_recording(write_hdf5(tmp_path / "run.h5", {**channels, "disk_Y": stopped}, ATTRIBUTES))
-    said = []
-    test = rf.responses([record], on_finding=said.append)
+    test = rf.responses([record])
+    said = test.findings
     assert any("disk_Y left out: dead, interrupted or clipped" in finding.message for finding in said)
     assert not ((test.plane == "disk") & (test.direction == "y")).any()
 
@@ -65,8 +66,8 @@ def test_a_channel_that_stops_for_a_while_is_named_and_left_out(tmp_path: Path) 
 def test_a_recording_given_twice_is_said(tmp_path: Path) -> None:
     files = [write_hdf5(tmp_path / f"{name}.h5", volts(8.0), ATTRIBUTES) for name in ("one", "two")]
     files.append(write_hdf5(tmp_path / "three.h5", volts(8.0, whirl=-1), {**ATTRIBUTES, "whirl": "backward"}))
-    said = []
-    recorded_tests([rf.read_recording(file) for file in files], on_finding=said.append)
+    (test,) = recorded_tests([rf.read_recording(file) for file in files])
+    said = test.findings
     (copy,) = [finding.message for finding in said if finding.code == "duplicate"]
     assert "Copies of recordings: two.h5 is one.h5, to the last digit." in copy
 

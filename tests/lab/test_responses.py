@@ -85,8 +85,8 @@ def test_start_ups_find_the_rotor_and_the_zero_of_the_holes(tmp_path: Path) -> N
     paths = rf.simulate_recordings(
         ROTOR, PAPER, tmp_path, "synchronous", duration=20.0, instruments=SLOW, hole_zero_deg=25.0, seed=2
     )
-    found: list[rf.Finding] = []
-    test = rf.responses([rf.read_recording(path) for path in paths], on_finding=found.append)
+    test = rf.responses([rf.read_recording(path) for path in paths])
+    found = test.findings
     assert [finding.code for finding in found] == ["phase-datum"]
     assert test.synchronous
     assert len(test.runs) == 2
@@ -103,8 +103,8 @@ def test_one_start_up_alone_says_that_residual_unbalance_is_in_it(tmp_path: Path
     paths = rf.simulate_recordings(
         ROTOR, PAPER, tmp_path, "synchronous", duration=10.0, planes="inboard", instruments=SLOW
     )
-    found: list[rf.Finding] = []
-    test = rf.responses(rf.read_recording(paths[0]), on_finding=found.append)
+    test = rf.responses(rf.read_recording(paths[0]))
+    found = test.findings
     assert [finding.code for finding in found] == ["phase-datum", "not-differenced"]
     assert (test.attributes["differenced"] == 0).all()
 
@@ -263,8 +263,9 @@ def test_awkward_recordings_are_mended_and_give_the_same_rig(tmp_path: Path) -> 
         sample_rate=4096.0, probe_angles=(-45.0, 45.0), hum=0.02, lost=3, doubled=4, clipped="disk_X"
     )
     paths = rf.simulate_recordings(RIG, VALUES, tmp_path, speed_rpm=1480.0, duration=10.0, instruments=awkward, seed=3)
-    records, found = [rf.read_recording(path) for path in paths], []
-    test = rf.responses(records, on_finding=found.append)
+    records = [rf.read_recording(path) for path in paths]
+    test = rf.responses(records)
+    found = test.findings
     assert {"probe-left-out"} <= {finding.code for finding in found}
     for record in records:
         said = {finding.code: finding.message for finding in record.findings}

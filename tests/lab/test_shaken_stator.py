@@ -86,8 +86,8 @@ def test_a_pair_is_reduced_together_whatever_tells_it_apart(
         with_attributes(rig, tmp_path, axis, {name: values[number] for name, values in attributes.items()})
         for number, axis in enumerate("xy")
     ]
-    found: list[rf.Finding] = []
-    test = rf.responses(marked, on_finding=found.append)
+    test = rf.responses(marked)
+    found = test.findings
     assert test.forces == whole.forces
     np.testing.assert_array_equal(test.response, whole.response)
     assert not [one for one in found if one.code == "shaken-apart"]
@@ -95,8 +95,7 @@ def test_a_pair_is_reduced_together_whatever_tells_it_apart(
 
 def test_what_keeps_a_pair_apart_is_named(rig: Path, tmp_path: Path) -> None:
     marked = [with_attributes(rig, tmp_path, axis, {"P_bar": bar}) for axis, bar in (("x", 29.0), ("y", 31.0))]
-    found: list[rf.Finding] = []
-    rf.responses(marked, on_finding=found.append)
+    found = rf.responses(marked).findings
     (one,) = [one for one in found if one.code == "shaken-apart"]
     hear(one.message)
 
@@ -126,8 +125,8 @@ def test_tones_of_a_multisine_are_the_lines(tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text(SETUP)
     tones = np.arange(20.0, 191.0, 10.0)
     records = [rf.read_recording(path, tmp_path / "rig.toml") for path in multisine(tmp_path, tones)]
-    found: list[rf.Finding] = []
-    test = rf.responses(records, on_finding=found.append)
+    test = rf.responses(records)
+    found = test.findings
     assert not [one for one in found if one.code == "hum"]
     hz = np.unique(np.round(np.abs(test.frequency) / (2 * np.pi), 6))
     assert np.abs(hz - tones[np.abs(hz[:, None] - tones).argmin(axis=1)]).max() < 0.25  # half a line of the record

@@ -157,8 +157,7 @@ def test_what_tells_no_position_is_refused(records: list[rf.Recording], tmp_path
         rf.static_positions([r for r in records if r.rig.load.newton])  # type: ignore[union-attr]
     with refuses(ValueError):
         rf.static_positions(records[0])
-    found: list[rf.Finding] = []
-    rf.static_positions([records[0], records[4]], on_finding=found.append)
+    found = rf.static_positions([records[0], records[4]]).findings
     assert [finding.code for finding in found] == ["unloaded-elsewhere"] * 2
     setup = tmp_path / "one.toml"
     setup.write_text('[[probe]]\nplane = "disk"\nchannel = "disk_X"\n')

@@ -202,13 +202,14 @@ def recorded_sweeps(
     return paths
 
 
+@pytest.mark.filterwarnings("ignore::rotorfit.DataWarning")
 @pytest.mark.parametrize("measured", [False, True])
 def test_responses_of_a_recording_have_the_speed_at_their_own_moment(tmp_path: Path, measured: bool) -> None:
     """A wander of 1 % in eight seconds: with the mean speed lam is 0.23 % off and redchi 45."""
     paths = recorded_sweeps(tmp_path, 0.01, measured=measured)
     setup = tmp_path / "rig.toml" if measured else None
     # A rotor without unbalance moves once per turn by the backward sweep alone: as probes exchanged.
-    test = rf.responses([rf.read_recording(path, setup) for path in paths], on_finding=lambda finding: None)
+    test = rf.responses([rf.read_recording(path, setup) for path in paths])
     assert 0.005 < np.std(test.speed) / np.mean(test.speed) < 0.02
     fit = plain_fit(rf.models.OneMode(planes=("disk",)), test, known=KNOWN)
     steady = plain_fit(rf.models.OneMode(planes=("disk",)), replace(test, speed=test.set_speed), known=KNOWN)

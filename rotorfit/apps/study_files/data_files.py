@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from rotorfit.base.array_types import Index
 from rotorfit.base.executors import carry_out
-from rotorfit.lab.data.findings import PHASE_DATUM, Finding, errors_first, without_phases
+from rotorfit.lab.data.findings import DataWarning, Finding, errors_first
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.selection import Wanted, selected, without
 from rotorfit.lab.io.files import read
@@ -45,15 +46,16 @@ class DataFile:
 
     def read(
         self,
-        on_finding: Callable[[Finding], None] | None = None,
         progress: StudyProgress = no_progress,
         on_lines: Callable[[Index], None] | None = None,
     ) -> Experiment:
         """Read the test."""
         stage = f"reading {self.path.name}"
         progress(stage)
-        callbacks = {"on_finding": on_finding, "on_lines": on_lines, "progress": lambda share: progress(stage, share)}
-        return read(self.path, **{**callbacks, **self.options})
+        callbacks = {"on_lines": on_lines, "progress": lambda share: progress(stage, share)}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DataWarning)  # its findings are told with those of the check
+            return read(self.path, **{**callbacks, **self.options})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,25 +88,16 @@ class RecordingFiles:
             records.append(read_recording(path, setup))
         return named_apart(records)
 
-    def read(
-        self, on_finding: Callable[[Finding], None], progress: Callable[[str], None], executor: Executor | None = None
-    ) -> tuple[Experiment, ...]:
+    def read(self, progress: Callable[[str], None], executor: Executor | None = None) -> tuple[Experiment, ...]:
         """Read the recordings and reduce them, each kind of test to an experiment."""
         from rotorfit.lab.recordings.reduction.responses import recorded_tests
         from rotorfit.lab.recordings.reduction.shaft_lines import shaft_lines
 
         records = self.open(progress)
         if not self.lines:
-            tests = recorded_tests(
-                records, turns=self.windows, executor=executor, on_finding=on_finding, progress=progress
-            )
-            return self._chosen(tests)
+            return self._chosen(recorded_tests(records, turns=self.windows, executor=executor, progress=progress))
         progress("finding combination lines")
-        test = shaft_lines(records, runout_um=self.runout_um)
-        for record in records:
-            for finding in record.findings:
-                on_finding(finding)
-        return self._chosen((test,))
+        return self._chosen((shaft_lines(records, runout_um=self.runout_um),))
 
     def _chosen(self, tests: tuple[Experiment, ...]) -> tuple[Experiment, ...]:
         """The vectors that are wanted."""
@@ -148,21 +141,15 @@ def _read_file(
     """The tests of a file, and what was found odd in each."""
     from rotorfit.identify.diagnosis.check import check
 
-    found: list[Finding] = []
     lines: list[Index] = []
-    if isinstance(file, RecordingFiles):
-        tests = file.read(found.append, progress, executor)
-    else:
-        tests = (file.read(found.append, progress, lines.append),)
+    tests = file.read(progress, executor) if isinstance(file, RecordingFiles) else (file.read(progress, lines.append),)
     findings = []
     for test in tests:
         progress(f"checking {test.source}")
-        checked = check(test)
-        found += without_phases(checked) if any(f.code == PHASE_DATUM for f in found) else checked
+        found = check(test)
         if lines and lines[0].size == len(test):  # no runs were differenced, no rows chosen: each is a line of a table
             found = [replace(f, lines=tuple(lines[0][list(f.rows)].tolist())) for f in found]
-        findings.append(tuple(errors_first(found)))
-        found = []  # findings about recordings of several kinds are reported with the first
+        findings.append(tuple(found))
     return tests, findings
 
 

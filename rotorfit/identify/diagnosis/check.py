@@ -3,7 +3,6 @@ read it with a warning of them."""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial, wraps
@@ -22,7 +21,7 @@ from rotorfit.identify.diagnosis.probe_pairs import reciprocity, uneven_probes
 from rotorfit.identify.diagnosis.readings import amplitudes, clipped, copied_readings, unread
 from rotorfit.identify.diagnosis.signs import half_turns, signs, wrong_direction
 from rotorfit.lab.data.experiments import PerturbationTest
-from rotorfit.lab.data.findings import DataWarning, Finding, errors_first, listed, rows_of
+from rotorfit.lab.data.findings import PHASE_DATUM, Finding, errors_first, listed, rows_of, warn_of, without_phases
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.weights import dwells
 from rotorfit.lab.io import files
@@ -38,7 +37,7 @@ Kind = TypeVar("Kind", bound=Experiment)
 
 
 def check(test: Experiment) -> list[Finding]:
-    """Findings about a test, errors first.
+    """Findings about a test, errors first, with those of its reading or of its recordings.
 
     Recognised are readings that are not finite, doubled, zero or cut off, forces of zero, implausible amplitudes,
     frequencies in another unit than speeds, readings at 1x, gaps in the plan of the test (planes without force, one
@@ -60,7 +59,7 @@ def check(test: Experiment) -> list[Finding]:
     measured: list[NDArray[Any]] = [getattr(test, name) for name in test._columns() if name not in _MAY_BE_NAN]
     numeric = [np.isfinite(values) for values in measured if values.dtype.kind in "fc"]
     whole = np.logical_and.reduce(numeric) if numeric else np.ones(len(test), dtype=bool)
-    findings = [*_numbers(test, whole)]
+    findings = [*test.findings, *_numbers(test, whole)]
     machines = words(np.asarray(test.attributes.get("machine", np.zeros(0))))[0]
     if len(machines) > 1:
         text = (
@@ -73,6 +72,8 @@ def check(test: Experiment) -> list[Finding]:
     if finite.size:
         rest = test if finite.size == len(test) else test.select(finite)
         findings += [found.at_rows(finite) for found in _of_its_kind(rest)]
+    if any(found.code == PHASE_DATUM for found in test.findings):
+        findings = list(without_phases(findings))
     named = (replace(found, correction=found.code) if _can_do_without(test, found) else found for found in findings)
     return errors_first(named)
 
@@ -212,9 +213,7 @@ def checking(reader: Callable[P, Experiment]) -> Callable[P, Experiment]:
     @wraps(reader)
     def read(*args: P.args, **options: P.kwargs) -> Experiment:
         test = reader(*args, **options)
-        for finding in check(test):
-            if finding.severity == "error":
-                warnings.warn(finding.message, DataWarning, stacklevel=2)
+        warn_of(found for found in check(test) if found.severity == "error" and found not in test.findings)
         return test
 
     return read

@@ -30,6 +30,7 @@ from rotorfit.identify.uncertainty.derived import (
     modes,
     onsets_of,
 )
+from rotorfit.lab.data.findings import Finding, errors_first
 from rotorfit.models.shafts.angular_rates import angular_rate, angular_rates
 
 if TYPE_CHECKING:
@@ -90,6 +91,13 @@ class Posterior(Draws):
     sizes: Float | None = None
 
     plot = Accessor()
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Those of the fit, and whether the draws are enough, errors first."""
+        words = f"The sampling of the posterior has {self.message}."
+        own = [] if self.converged else [Finding("warning", "sampling", words, origin="fit")]
+        return tuple(errors_first([*own, *self.fit.findings]))
 
     @property
     def samples(self) -> Float:

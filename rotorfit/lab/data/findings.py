@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import logging
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -74,14 +74,11 @@ class Finding:
         return f"{self.severity} [{self.code}] {self._said}{places}{self._undoing}"
 
 
-def report(findings: Iterable[Finding], on_finding: Callable[[Finding], None] | None) -> None:
-    """Hand findings on, or without a callback warn of them where :func:`rotorfit.read` was called."""
+def warn_of(findings: Iterable[Finding]) -> None:
+    """Warn of findings where somebody outside this package called."""
     for finding in findings:
         _LOG.info("%s", finding)
-        if on_finding is None:
-            warnings.warn(finding.message, stacklevel=level_of_caller())
-        else:
-            on_finding(finding)
+        warnings.warn(finding.message, DataWarning, stacklevel=level_of_caller())
 
 
 def level_of_caller() -> int:

@@ -12,6 +12,7 @@ from rotorfit.base.array_types import Float
 from rotorfit.base.names import unknown_name
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.findings import PHASE_DATUM
 from rotorfit.lab.data.linear_force import probe_pairs
 from rotorfit.lab.data.rows import Experiment
 
@@ -90,6 +91,12 @@ def resolve_probe_angles(test: PerturbationTest, angles: Mapping[str, tuple[floa
 
 
 def at_common_zero(experiments: Sequence[Experiment], datum: float) -> tuple[Experiment, ...]:
-    """Experiments with their turning forces counted from the zero of the readings."""
+    """Experiments with their turning forces counted from the zero of the readings, which is known then."""
     turn = np.exp(1j * datum)
-    return tuple(test.with_forces(lambda force: force * turn) for test in experiments)
+    return tuple(
+        replace(
+            test.with_forces(lambda force: force * turn),
+            findings=tuple(found for found in test.findings if found.code != PHASE_DATUM),
+        )
+        for test in experiments
+    )

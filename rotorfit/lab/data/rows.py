@@ -53,6 +53,8 @@ class Category(NamedTuple):
     number: Index  # of numbers in ascending order, shape ``(R,)``
 
 
+NO_COLUMNS = ("source", "findings", "attributes", "speed_tolerance")
+"""Fields of an experiment that are no array with an entry a row."""
 PLACEHOLDER = 1e-9 + 0j
 """Reading, m or N, in place of those of a test that was not made: inside any clearance."""
 
@@ -68,6 +70,7 @@ class Experiment(ABC):
     tells_noise: ClassVar[bool] = False  # whether its rows are records that show their noise
 
     source: str = ""
+    findings: tuple[Finding, ...] = ()  # what was found odd where it was read, or in the recordings that it is made of
     attributes: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     speed_tolerance: float = SPEED_TOLERANCE
     run: Text
@@ -348,7 +351,7 @@ class Experiment(ABC):
         self._freeze()
 
     def _columns(self) -> list[str]:
-        return [f.name for f in fields(self) if f.name not in ("source", "attributes", "speed_tolerance")]
+        return [f.name for f in fields(self) if f.name not in NO_COLUMNS]
 
     def __len__(self) -> int:
         return len(self.run)
@@ -357,7 +360,8 @@ class Experiment(ABC):
         """The experiment restricted to rows, given as a boolean mask or as indices."""
         chosen: dict[str, Any] = {name: getattr(self, name)[rows] for name in self._columns()}
         attributes = {name: values[rows] for name, values in self.attributes.items()}
-        return replace(self, attributes=attributes, **chosen)
+        findings = tuple(replace(found, rows=(), lines=()) for found in self.findings)  # these were of all rows
+        return replace(self, attributes=attributes, findings=findings, **chosen)
 
     def attribute(self, name: str) -> NDArray[Any]:
         """Values of a test attribute for each row; ``speed_rpm``, which the rotor was set to, and ``run`` count too.

@@ -267,4 +267,5 @@ def join(parts: list[PerturbationTest]) -> PerturbationTest:
     names = first._columns()
     columns: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
     attributes = {name: np.concatenate([part.attributes[name] for part in parts]) for name in first.attributes}
-    return replace(first, attributes=attributes, **columns)
+    findings = tuple(dict.fromkeys(found for part in parts for found in part.findings))
+    return replace(first, attributes=attributes, findings=findings, **columns)

@@ -13,7 +13,7 @@ from rotorfit.base.file_reading import shown
 from rotorfit.base.names import unknown_name
 from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.lab.data.experiments import PerturbationTest
-from rotorfit.lab.data.rows import Experiment
+from rotorfit.lab.data.rows import NO_COLUMNS, Experiment
 from rotorfit.lab.kinds.coefficient_table import CoefficientTable
 from rotorfit.lab.kinds.displacement_test import DisplacementTest
 from rotorfit.lab.kinds.free_vibration import ImpulseTest, RingDownTest
@@ -29,7 +29,7 @@ _TYPES = {"Text": str, "Float": float, "ComplexArray": complex}
 
 def column_types(kind: Experiment | type[Experiment]) -> dict[str, type]:
     """Columns of an experiment, or of its class, and whether they are text, real or complex."""
-    no_columns = ("source", "attributes", "further_forces", "speed_tolerance")
+    no_columns = (*NO_COLUMNS, "further_forces")
     return {f.name: _TYPES[str(f.type)] for f in fields(kind) if f.name not in no_columns}
 
 

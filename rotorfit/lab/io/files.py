@@ -18,7 +18,7 @@ from rotorfit.base.units import RAD_S_PER_RPM, in_rad_s
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.misfit.parameter_space import LARGEST
 from rotorfit.lab.data.experiments import PerturbationTest
-from rotorfit.lab.data.findings import Finding, listed, report
+from rotorfit.lab.data.findings import Finding, listed, warn_of
 from rotorfit.lab.data.probes import (
     Channel,
     check_channels,
@@ -68,7 +68,6 @@ class ReadKeywords(TypedDict, total=False):
     exclude: Mapping[str, Wanted] | None
     drop_near_1x: float
     skip: Sequence[int]
-    on_finding: Callable[[Finding], None] | None
     on_lines: Callable[[Index], None] | None
     progress: Callable[[float], None] | None
 
@@ -93,7 +92,6 @@ def read(
     exclude: Mapping[str, Wanted] | None = None,
     drop_near_1x: float = 0.0,
     skip: Sequence[int] = (),
-    on_finding: Callable[[Finding], None] | None = None,
     on_lines: Callable[[Index], None] | None = None,
     progress: Callable[[float], None] | None = None,
     kind: type[Experiment] | None = None,
@@ -126,12 +124,14 @@ def read(
         axes: which directions of a universal file are x and y; ``"yz"`` for a shaft along its x axis.
         where, exclude, drop_near_1x: readings to keep, :func:`rotorfit.lab.data.selection.selected`.
         skip: numbers of readings to leave out, counted from 1 in the test as it is read without this option.
-        on_finding: called with what was left out of a table, such as empty readings; by default it is warned of.
         on_lines: called with the line of the file, or row of the sheet, of each reading of a table, shape ``(R,)``,
             before readings are chosen by ``where`` and the like.
         progress: called with the share of a table that is read.
         kind: class of the test, such as ``rf.StaticTest``; a file that holds another is refused, and type checkers know
             what is read. By default what the file holds.
+
+    Returns:
+        the test; what was left out of a table, such as empty readings, is in its ``findings`` and is warned of.
 
     Raises:
         ValueError: what in the file or in an option is wrong, where, and what is allowed.
@@ -148,7 +148,7 @@ def read(
     if speed is not None and not np.isfinite(speed):
         raise ValueError(f"speed must be a finite number, rad/s; got {speed!r}")
     table = {"sheet": sheet, "columns": columns, "constants": constants}
-    callbacks = {"on_finding": on_finding, "on_lines": on_lines, "progress": progress}
+    callbacks = {"on_lines": on_lines, "progress": progress}
     test = _read_raw(path, {"speed": speed, "axes": axes}, table, callbacks, speed_tolerance)
     if kind is not None and not isinstance(test, kind):
         raise ValueError(f"{test.source} holds a {test.title}, not a {kind.title} (kind={kind.__name__})")
@@ -172,10 +172,11 @@ def read(
                     f"{test.source}: opposite weights differ: {listed(pairs)}. If it is one weight that was turned by "
                     "180 degrees, one of the two is wrong, and all masses, stiffnesses and dampings with it."
                 )
-                report([Finding("warning", "uneven-weights", words)], on_finding)
+                apart = replace(apart, findings=(*apart.findings, Finding("warning", "uneven-weights", words)))
             test = apart
     elif given := [name for name, value in corrections.items() if value is not None]:
         raise ValueError(f"{', '.join(given)} correct probe readings; {test.source} is a {type(test).__name__}")
+    warn_of(test.findings)
     found = without(test, skip)
     _LOG.info("read %r", found)
     if left_out := left_out + len(test) - len(found):

@@ -29,7 +29,7 @@ from rotorfit.identify.fitting.quantities import FittedParameter
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.settings import FitSettings
 from rotorfit.identify.fitting.summary import natural
-from rotorfit.lab.data.findings import listed
+from rotorfit.lab.data.findings import Finding, attributed, listed
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.io.tables.result_tables import rows_csv
 from rotorfit.models import RotorModel
@@ -87,6 +87,11 @@ class Campaign(Printed):
     def attributes(self) -> tuple[str, ...]:
         """Conditions that the runs may be followed against or grouped by."""
         return tuple(dict.fromkeys(name for run in self.runs for name in run.attributes))
+
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """What the fits of all runs were found to lack, with the name of the run, errors first."""
+        return tuple(attributed([run.findings for run in self.runs], [run.name for run in self.runs]))
 
     def values(self, parameter: str) -> tuple[Float, Float]:
         """Values and standard errors of ``parameter``, by name, NaN in runs that do not give it, shape ``(R,)`` each.

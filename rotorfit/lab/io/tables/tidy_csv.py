@@ -15,6 +15,7 @@ condition-monitoring systems: :mod:`rotorfit.lab.io.tables.machine_tables`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,7 +36,6 @@ from rotorfit.lab.data.experiments import (
     PerturbationTest,
     plane_groups,
 )
-from rotorfit.lab.data.findings import Finding, report
 from rotorfit.lab.data.joined import check_planes_spelt
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.several_forces import gathered
@@ -88,7 +88,6 @@ def read_csv(
     sheet: str | None = None,
     columns: Mapping[str, str] | None = None,
     constants: Mapping[str, str | float] | None = None,
-    on_finding: Callable[[Finding], None] | None = None,
     on_lines: Callable[[Index], None] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Experiment:
@@ -116,13 +115,12 @@ def read_csv(
         refuse_doubtful(table)
         table = stiffness_table(table) if is_stiffness(table) else table
         table = tidy(table) if is_wide(table) else table
-    return experiment_of(table, speed_tolerance, on_finding, on_lines)
+    return experiment_of(table, speed_tolerance, on_lines)
 
 
 def experiment_of(
     table: Table,
     speed_tolerance: float,
-    on_finding: Callable[[Finding], None] | None = None,
     on_lines: Callable[[Index], None] | None = None,
 ) -> Experiment:
     """The experiment that a table holds; its columns tell which."""
@@ -137,11 +135,11 @@ def experiment_of(
         table = without_standstill(without_incoherent(without_empty(table)))
         if kind is not None or "direction" in table.cells:
             table = completed(table, forced=kind is None)
-    report(table.found, on_finding)
     if on_lines is not None:
         on_lines(table.lines)
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below, by name
-        return _perturbation(table, speed_tolerance) if kind is None else read_kind(kind, table, speed_tolerance)
+        test = _perturbation(table, speed_tolerance) if kind is None else read_kind(kind, table, speed_tolerance)
+    return replace(test, findings=table.found)
 
 
 def _start_up(table: Table) -> Table:

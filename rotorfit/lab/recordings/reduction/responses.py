@@ -8,19 +8,17 @@ method is in :mod:`rotorfit.estimators.signals.local_response`.
 from __future__ import annotations
 
 import logging
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
-from operator import attrgetter
 
 import numpy as np
 
 from rotorfit.base.executors import carry_out
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.lab.data.experiments import PerturbationTest
-from rotorfit.lab.data.findings import PHASE_DATUM, DataWarning, Finding, level_of_caller, listed
+from rotorfit.lab.data.findings import PHASE_DATUM, Finding, listed, warn_of
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.selection import Wanted, selected
 from rotorfit.lab.data.synchronous import join
@@ -47,7 +45,6 @@ def responses(
     turns: int | None = None,
     where: Mapping[str, Wanted] | None = None,
     executor: Executor | None = None,
-    on_finding: Report | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> PerturbationTest:
     """Responses of a rotor to the force that turns with a perturbator or with the shaft itself.
@@ -68,14 +65,12 @@ def responses(
         executor: any ``concurrent.futures`` executor, also Dask's ``client.get_executor(pure=False)``, that reduces
             recordings beside each other; by default one after the other in this process. What a lost worker had is done
             again.
-        on_finding: called with each thing that was found odd or that limits what the recordings say, for instance
-            ``print``; what was found while reading is in ``record.findings``. By default errors are warned of, those
-            in ``record.findings`` too.
         progress: called with a few words before each stage.
 
     Returns:
         a row for each probe at each line; a synchronous test where the shaft itself drives. Lines that a record cannot
-        tell from an order of the shaft are left out.
+        tell from an order of the shaft are left out. What was found odd or limits what the recordings say, in
+        themselves too, is in its ``findings``; errors are warned of.
 
     Raises:
         ValueError: a recording whose force is not known, or that is too short for what was swept; start-ups that are
@@ -87,21 +82,11 @@ def responses(
         >>> test.runs, test.planes
         (('volts_journal-fwd', 'volts_journal-bwd'), ('disk', 'journal'))
     """
-    listed = named_apart(records)
-    silent = on_finding is None
-    report = on_finding or _warn_of_error
-    test = checked_responses(
-        listed, turns=turns, executor=executor, on_finding=report, progress=progress, checked=silent
-    )
+    test = checked_responses(named_apart(records), turns=turns, executor=executor, progress=progress)
+    warn_of(found for found in test.findings if found.severity == "error")
     found = selected(test, where=where)
     _LOG.info("reduced %r", found)
     return found
-
-
-def _warn_of_error(finding: Finding) -> None:
-    """Warn of what makes responses wrong, in the recordings too: nobody listens to findings."""
-    if finding.severity == "error":
-        warnings.warn(finding.message, DataWarning, stacklevel=level_of_caller())
 
 
 def checked_responses(
@@ -109,11 +94,9 @@ def checked_responses(
     *,
     turns: int | None,
     executor: Executor | None,
-    on_finding: Report,
     progress: Callable[[str], None] | None,
-    checked: bool = True,
 ) -> PerturbationTest:
-    """As :func:`responses`, with findings about the recordings themselves."""
+    """As :func:`responses`, without a word about errors."""
     tell = progress or (lambda stage: None)
     forces = [force_of(record) for record in records]
     kinds = {driven_by(record): record.name for record in records}
@@ -123,26 +106,22 @@ def checked_responses(
             f"{first} is driven by {one}, {second} by {other}: two kinds of tests, call responses for each and give a "
             "list of both to fit"
         )
-    for finding in copied_recordings(records) if checked else ():
-        on_finding(finding)
+    findings = [*copied_recordings(records)]
     if not all(force.datum_known for force in forces):
-        on_finding(_datum_finding(records))
+        findings.append(_datum_finding(records))
     if forces[0].measured and turns:
         raise ValueError("windows of whole turns need a force that turns with a mark; this one was measured")
-    jobs, work = _together(records, forces, turns, on_finding), partial(_reduced, turns=turns, checked=checked)
+    jobs, work = _together(records, forces, turns, findings.append), partial(_reduced, turns=turns)
     if executor is None:
         reduced = carry_out(partial(work, tell=tell), jobs, None)
     else:
         tell(f"responses of {len(records)} recordings")
         reduced = carry_out(work, jobs, executor, lambda job, _: tell(f"reduced {', '.join(r.name for r in job[0])}"))
-    for _, findings in reduced:
-        for finding in findings:
-            on_finding(finding)
-    shared = set.intersection(*(set(each.attributes) for each, _ in reduced))
-    test = join([replace(t, attributes={k: v for k, v in t.attributes.items() if k in shared}) for t, _ in reduced])
+    shared = set.intersection(*(set(each.attributes) for each in reduced))
+    test = join([replace(t, attributes={k: v for k, v in t.attributes.items() if k in shared}) for t in reduced])
     if forces[0].reference == "shaft" and turns:
         test = difference_unless_solved(test)
-    return replace(test, source=source_of(records))
+    return replace(test, source=source_of(records), findings=(*findings, *test.findings))
 
 
 def _together(records: Sequence[Recording], forces: Sequence[Force], turns: int | None, report: Report) -> list[_Job]:
@@ -200,17 +179,14 @@ def _datum_finding(records: Sequence[Recording]) -> Finding:
     return Finding("error" if len(unmarked) > 1 else "note", PHASE_DATUM, words)
 
 
-def _reduced(
-    job: _Job, *, turns: int | None, checked: bool, tell: Callable[[str], None] = lambda stage: None
-) -> tuple[PerturbationTest, tuple[Finding, ...]]:
-    """The responses of recordings that belong together, and what was odd, in the recordings themselves if asked."""
+def _reduced(job: _Job, *, turns: int | None, tell: Callable[[str], None] = lambda stage: None) -> PerturbationTest:
+    """The responses of recordings that belong together, with what was odd, in the recordings themselves too."""
     found: list[Finding] = []
     records, groups = job
     tell(f"responses of {', '.join(record.name for record in records)}")
     usable = [_usable(record, found.append) for record in records]
     test = reduced_responses(usable, turns, found.append, groups)
-    own = [finding for record in records for finding in record.findings] if checked else []
-    return test, (*found, *own)
+    return replace(test, findings=(*found, *(finding for record in records for finding in record.findings)))
 
 
 def _usable(record: Recording, report: Report) -> Recording:
@@ -256,11 +232,9 @@ def recorded_tests(
     *,
     turns: int | None = None,
     executor: Executor | None = None,
-    on_finding: Report | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[Experiment, ...]:
     """One experiment for each kind of test that there is among recordings."""
-    report = on_finding or (lambda finding: None)
     tell = progress or (lambda stage: None)
     kinds: dict[str, list[Recording]] = {}
     for record in named_apart(records):
@@ -268,14 +242,8 @@ def recorded_tests(
     tests: list[Experiment] = []
     for kind, same in kinds.items():
         if kind not in (BLOWS, LOADS):
-            tests.append(checked_responses(same, turns=turns, executor=executor, on_finding=report, progress=progress))
+            tests.append(checked_responses(same, turns=turns, executor=executor, progress=progress))
             continue
         tell(f"{kind}: {', '.join(record.name for record in same)}")
-        if kind == BLOWS:
-            tests.append(ring_downs(same, executor=executor))
-        else:
-            tests.append(static_positions(same, executor=executor, on_finding=report))
-        for findings in carry_out(attrgetter("findings"), same, executor):
-            for finding in findings:
-                report(finding)
+        tests.append((ring_downs if kind == BLOWS else static_positions)(same, executor=executor))
     return tuple(tests)

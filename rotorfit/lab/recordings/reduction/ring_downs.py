@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple, TypeAlias
 
@@ -196,20 +197,22 @@ def ring_downs(
         highest = HIGHEST_HZ if said is None else said / (2 * np.pi)
         jobs.append((record, _plane(record, plane), highest if highest_hz is None else highest_hz))
     reduced = carry_out(_reduced, jobs, executor)
-    for (record, _, _), (mean, blows) in zip(jobs, reduced, strict=True):
+    for (record, _, _), (mean, blows, _) in zip(jobs, reduced, strict=True):
         for number, (speed, time, z, settled) in enumerate(blows, start=1):
             at = z + (position if position is not None else 0.0 if mean is None else mean + settled)
             parts.append((f"{record.name}, blow {number}", speed, time, at))
-    return ring_down_test(parts, source_of(listed))
+    findings = tuple(found for _, _, own in reduced for found in own)
+    return replace(ring_down_test(parts, source_of(listed)), findings=findings)
 
 
-def _reduced(job: tuple[Recording, str, float]) -> tuple[complex | None, list[_Blow]]:
-    """Mean position where it is known, and the motion after each blow, of a recording, plane and highest frequency."""
+def _reduced(job: tuple[Recording, str, float]) -> tuple[complex | None, list[_Blow], tuple[Finding, ...]]:
+    """Mean position where it is known, the motion after each blow, and what was found odd, of a recording, plane and
+    highest frequency."""
     record, plane, highest_hz = job
     mean = None
     if all(probe.centre is not None for probe in record.probes if probe.plane == plane):  # voltages of the centre
         mean = next((complex(rest.z.mean()) for rest in rest_positions(record)[0] if rest.plane == plane), None)
-    return mean, list(_blows(record, plane, highest_hz))
+    return mean, list(_blows(record, plane, highest_hz)), record.findings
 
 
 def _plane(record: Recording, asked: str | None) -> str:

@@ -98,7 +98,8 @@ def shaft_lines(
     columns: dict[str, Any] = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     said = [{**record.attributes, **({} if runout_um is None else {"runout_um": runout_um})} for record in several]
     attributes = {name: np.repeat([each[name] for each in said], counts) for name in said[0]}
-    return LineTest(source=source_of(several), attributes=attributes, **columns)
+    findings = tuple(found for record in several for found in record.findings)
+    return LineTest(source=source_of(several), findings=findings, attributes=attributes, **columns)
 
 
 def _lines_of(record: Recording, runout_um: float | None, supports: bool) -> list[dict[str, NDArray[Any]]]:

@@ -40,7 +40,6 @@ def static_positions(
     records: Sequence[Recording] | Recording,
     *,
     executor: Executor | None = None,
-    on_finding: Report | None = None,
 ) -> StaticTest:
     """Positions of a shaft under constant loads, from the mean voltages of its probes, for fits.
 
@@ -55,7 +54,6 @@ def static_positions(
     Args:
         records: of one rig, DC-coupled, with their loads in ``[load]``.
         executor: reads recordings beside each other, see :func:`rotorfit.responses`.
-        on_finding: called with each thing that was found odd.
 
     Raises:
         ValueError: a recording whose load is not given, without gap voltages or without a plane of two good probes, no
@@ -71,21 +69,29 @@ def static_positions(
         ['111 um', '222 um']
     """
     listed = named_apart(records)
-    report = on_finding or (lambda finding: None)
+    findings: list[Finding] = []
     rests: list[RestPosition] = []
     for record in listed:
         record.need_displacements("a static position")
         load_of(record)
-    reduced = carry_out(rest_positions, listed, executor)
-    for record, (found, left_out) in zip(listed, reduced, strict=True):
+    reduced = carry_out(_rests, listed, executor)
+    for record, (found, left_out, own) in zip(listed, reduced, strict=True):
+        findings += own
         rests += [replace(rest, record=record) for rest in found]
         for why in left_out:
-            report(Finding("warning", "plane-left-out", f"{record.name}: {why}: no static position of that plane."))
+            words = f"{record.name}: {why}: no static position of that plane."
+            findings.append(Finding("warning", "plane-left-out", words))
     loaded = [rest for rest in rests if load_of(rest.record)]
     if not loaded:
         raise ValueError(f"{listed[0].name}: none of the recordings has a load above zero; give N in [load]")
-    zeros = _zeros(loaded, [rest for rest in rests if not load_of(rest.record)], report)
-    return _test(loaded, zeros, source_of(listed))
+    zeros = _zeros(loaded, [rest for rest in rests if not load_of(rest.record)], findings.append)
+    test = _test(loaded, zeros, source_of(listed))
+    return replace(test, findings=tuple(findings))
+
+
+def _rests(record: Recording) -> tuple[list[RestPosition], list[str], tuple[Finding, ...]]:
+    """What a recording says of its rest positions, and what was found odd in it."""
+    return (*rest_positions(record), record.findings)
 
 
 def load_of(record: Recording) -> complex:
