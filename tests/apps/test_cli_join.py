@@ -162,6 +162,30 @@ def test_constants_of_a_file_that_is_not_given_are_refused(
     hear(capsys.readouterr().err)
 
 
+def test_columns_of_one_file_get_names_of_their_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Names with spaces, commas, equals signs and colons, as a person types them; theirs first, ours behind."""
+    head = {"a.csv": ("DE X, 1X (mil pp)", "DE X: lag=deg"), "b.csv": ("DE X, 1X (mil pp)", "phase b")}
+    for number, (name, (size, phase)) in enumerate(head.items()):
+        cells = [f"{speed},{0.1 * speed:g},{40 + number}" for speed in (1000, 1500, 2000)]
+        (tmp_path / name).write_text("\n".join([f'speed_rpm,"{size}",{phase}', *cells]))
+    files = [str(tmp_path / name) for name in head]
+    words = ["--column", "DE X, 1X (mil pp)=de_x_mil_pp,a.csv:DE X: lag=deg=de_x_lag_deg"]
+    words += ["--column", "b.csv:phase b=de_x_lag_deg"]
+    both = tmp_path / "both.csv"
+    assert main(["join", *files, *words, "--out", str(both), "--quiet"]) == 0
+    read = rf.read(both, difference=False)
+    assert isinstance(read, rf.PerturbationTest)
+    expected = {
+        run: 0.05 * read.speed * 30 / np.pi * 25.4e-6 * np.exp(-1j * np.radians(40 + at)) for at, run in enumerate("ab")
+    }
+    np.testing.assert_allclose(read.response, np.where(read.run == "a", expected["a"], expected["b"]), rtol=1e-6)
+    capsys.readouterr()
+    assert main(["info", files[1], "--column", "de_x_lag_deg=phase b"]) == 2
+    hear(capsys.readouterr().err)
+    assert main(["info", files[1], "--column", "other.csv:phase b=de_x_lag_deg"]) == 2
+    hear(capsys.readouterr().err)
+
+
 @pytest.mark.filterwarnings("ignore:.*holds no weight")
 def test_start_ups_are_balanced_at_chosen_speeds(exports: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["balance", *exports]) == 2

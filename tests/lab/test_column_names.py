@@ -46,7 +46,7 @@ def test_one_reading_is_one_reading(tmp_path: Path) -> None:
 def test_missing_columns_name_the_way_to_say_them(tmp_path) -> None:
     path = tmp_path / "short.csv"
     path.write_text("frequency_rpm,force_N,amplitude,phase_deg\n1000,5,10,20\n1100,5,11,21\n")
-    with pytest.raises(ValueError, match=r"missing columns: .*--column NAME=THEIRS"):
+    with pytest.raises(ValueError, match=r"missing columns: .*--column THEIRS=OURS"):
         rf.read(path)
 
 

@@ -102,7 +102,8 @@ def add_files(to: argparse._ActionsContainer) -> None:
         "trial.csv:mr_g_mm=30"
     )
     option(to, "--constant [FILE:]COLUMN=VALUE ...", words)
-    option(to, "--column NAME=COLUMN ...", "rotorfit's name of a column (in a machine's export: of a channel)")
+    words = "a column of the file (in a machine's export: a channel) under our name: 'DE X Direct (mil pp)=de_x_mil_pp'"
+    option(to, "--column [FILE:]THEIRS=OURS ...", words)
     add_selection(to)
     option(to, "--drop-near-1x PERCENT", "leave out readings this close to the running speed", float)
 
@@ -196,18 +197,17 @@ def data_files(options: argparse.Namespace) -> tuple[DataFile | RecordingFiles, 
         "speed": None if speed is None else speed * RAD_S_PER_RPM,
         "axes": options.axes,
         "sheet": options.sheet,
-        "columns": pairs("--column", options.column, str),
         "drop_near_1x": None if percent is None else percent / 100,
     }
     read, chosen = {name: value for name, value in given.items() if is_set(value)}, selection(options)
-    constants = _constants(options)
+    of_table = _of_table(options)
     raw = tuple(file for file in options.files if options.setup or file.suffix.lower() in ALWAYS_RAW)
-    if raw and (read or options.constant):
+    if raw and (read or options.constant or options.column):
         raise ValueError(
             f"{raw[0].name} is a recording: what --probe-angles, --slow-roll-below and --speed say stands in its setup "
             "(--setup rig.toml); --axes, --sheet, --constant, --column and --drop-near-1x are for files of vectors"
         )
-    tests = tuple(DataFile(file, read | chosen | constants[file]) for file in options.files if file not in raw)
+    tests = tuple(DataFile(file, read | chosen | of_table[file]) for file in options.files if file not in raw)
     if raw:
         return (*tests, RecordingFiles(paths=raw, setup=options.setup, windows=options.windows, **chosen))
     if options.windows is not None:
@@ -215,20 +215,57 @@ def data_files(options: argparse.Namespace) -> tuple[DataFile | RecordingFiles, 
     return tests
 
 
-def _constants(options: argparse.Namespace) -> dict[Path, dict[str, Any]]:
-    """Option ``constants`` of each file: those for all, and those behind its own name."""
-    words: dict[Path, list[str]] = {file: [] for file in options.files}
-    for word in (part for given in options.constant for part in given.split(",")):
+def _of_table(options: argparse.Namespace) -> dict[Path, dict[str, Any]]:
+    """Options ``columns`` and ``constants`` of each file: those for all, and those behind its own name."""
+    found: dict[Path, dict[str, Any]] = {file: {} for file in options.files}
+    for option, name, given in (("--column", "columns", options.column), ("--constant", "constants", options.constant)):
+        words = [part for word in given for part in _parts(word)]
+        for file, own in _by_file(words, options.files, option).items():
+            if own:
+                found[file][name] = _named(option, own)
+    return found
+
+
+def _parts(word: str) -> list[str]:
+    """Pairs with commas between; a comma within a name of a column, which no equals sign follows before the next comma,
+    belongs to it."""
+    parts: list[str] = []
+    for part in word.split(","):
+        if parts and "=" not in parts[-1]:
+            parts[-1] += f",{part}"
+        else:
+            parts.append(part)
+    return parts
+
+
+def _by_file(words: Sequence[str], files: Sequence[Path], option: str) -> dict[Path, list[str]]:
+    """Words for each file; ``FILE:`` before one says which it is for."""
+    found: dict[Path, list[str]] = {file: [] for file in files}
+    for word in map(str.strip, words):
+        own = {file: key for file in files for key in (str(file), file.name) if word.startswith(f"{key}:")}
         name, colon, _ = word.partition("=")[0].rpartition(":")
-        own = [file for file in options.files if name.strip() in (str(file), file.name)]
-        if colon and not own:
+        if colon and not own and (option == "--constant" or Path(name).suffix in {file.suffix for file in files}):
             raise ValueError(
-                f"--constant {word.strip()}: no file {name.strip()!r} is given; there are "
-                f"{', '.join(file.name for file in options.files)}"
+                f"{option} {word}: no file {name.strip()!r} is given; there are "
+                f"{', '.join(file.name for file in files)}"
             )
-        for file in own or options.files:
-            words[file].append(word[len(name) + 1 :] if colon else word)
-    return {file: {"constants": pairs("--constant", given, str)} if given else {} for file, given in words.items()}
+        for file in own or files:
+            found[file].append(word.removeprefix(f"{own[file]}:") if own else word)
+    return found
+
+
+def _named(option: str, words: Sequence[str]) -> dict[str, str]:
+    """Values by name, which may hold equals signs itself."""
+    found: dict[str, str] = {}
+    for word in words:
+        name, _, value = (part.strip() for part in word.rpartition("="))
+        if not (name and value):
+            kind = "THEIRS=OURS" if option == "--column" else "COLUMN=VALUE"
+            raise ValueError(f"{option} takes {kind}, got {word!r}")
+        if name in found:
+            raise ValueError(f"{option} names {name} twice")
+        found[name] = value
+    return found
 
 
 def selection(options: argparse.Namespace) -> dict[str, Any]:

@@ -239,13 +239,11 @@ def with_given_names(table: Table, columns: Mapping[str, str]) -> Table:
     spelled = {name.lower(): name for name in table.names.values()} | {name: name for name in table.names.values()}
     by_key = {spelling: key for key, spelling in table.names.items()}
     new = {}
-    for first, second in columns.items():
-        # Either way round: what the file has is its own name.
-        turned = first.lower() not in spelled and second.lower() in spelled
-        given, name = (second, first) if turned else (first, second)
+    for given, name in columns.items():
         if given not in by_key and given.lower() not in spelled:
+            turned = f", in this order: {name}={given}" if name.lower() in spelled else ""
             raise ValueError(
-                f"{table.source} has no column {given!r} to call {name!r} (THEIRS=OURS); it has "
+                f"{table.source} has no column {given!r} to call {name!r} (THEIRS=OURS{turned}); it has "
                 f"{', '.join(table.names.values())}"
             )
         new[by_key[spelled.get(given, spelled.get(given.lower(), given))]] = name

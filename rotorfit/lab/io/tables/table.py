@@ -349,7 +349,7 @@ def _refuse_missing(table: Table, others: Sequence[str], missing: Sequence[str],
     raise ValueError(
         f"{table.source}: missing columns: {', '.join(missing)}. Columns not recognised: "
         f"{', '.join(unknown) or 'none'}. Known: {known}. A column of another name is said with it (columns=, "
-        "--column NAME=THEIRS)"
+        "--column THEIRS=OURS)"
     )
 
 
