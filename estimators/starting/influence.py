@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from rotorfit.base.array_types import ComplexArray, Float, Index
+from rotorfit.base.array_types import COLLINEAR, ComplexArray, Float, Index
 from rotorfit.base.significance import P_CHANCE
 from rotorfit.estimators.noise.mounting import (
     MountingFit,
@@ -37,6 +37,30 @@ class Readings:
     dwell: Index  # number of its dwell speed, shape ``(R,)``
     unbalance: ComplexArray  # ``m r exp(j delta)`` of each mounting in each force plane, kg m, shape ``(M, planes)``
     sigma: Float  # noise that was given with the readings, NaN where it was not, shape ``(R,)``
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PartlyKnown:
+    """A cell whose weights determine some combinations of its residual and influences, and others not: a probe that one
+    trial run lacks has no influence of that weight."""
+
+    channel: int  # its channel
+    dwell: int  # its dwell speed
+    size: Float  # weights that residual and influences are multiplied by, to be alike, shape ``(1 + planes,)``
+    coefficient: ComplexArray  # these products, the smallest that the readings allow, shape ``(1 + planes,)``
+    covariance: ComplexArray  # of it, shape ``(1 + planes, 1 + planes)``, NaN where no noise is known
+    projector: ComplexArray  # onto the combinations that are determined, shape ``(1 + planes, 1 + planes)``
+
+    def combined(self, parts: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+        """Combinations of residual and influences, shape ``(K, 1 + planes)``, with their covariance; NaN where the
+        readings do not determine them."""
+        own = parts / self.size
+        open_part = np.linalg.norm(own - own @ self.projector, axis=1)
+        largest_part = 1e-6  # of a combination, over it, that nothing determines and round-off makes
+        known = open_part <= largest_part * np.linalg.norm(own, axis=1)
+        value = np.where(known, own @ self.coefficient, np.nan)
+        covariance = own @ self.covariance @ own.conj().T
+        return value, np.where(np.outer(known, known), covariance, np.nan)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,7 +87,7 @@ class Influence:
     freedom: float  # real degrees of freedom behind the error bars, infinite where the noise was given
     weight_freedom: float  # those behind the weight of each channel in ``working``
     correlation: float  # correlation between the speeds of one channel in ``working``
-    left_out: tuple[tuple[int, int], ...]  # cells (channel, dwell) whose weights do not determine an influence
+    partly: tuple[PartlyKnown, ...]  # cells whose weights do not determine all influences
 
 
 class UndeterminedError(ValueError):
@@ -78,14 +102,14 @@ def solve_influence(readings: Readings) -> Influence:
     value = readings.value * _to_common_speed(readings, speed)
     design = np.column_stack([np.ones(len(readings.unbalance)), readings.unbalance])
     found: list[_Cell] = []
-    left_out: list[tuple[int, int]] = []
+    partly: list[PartlyKnown] = []
     for channel, dwell in sorted(set(zip(readings.channel.tolist(), readings.dwell.tolist(), strict=True))):
         rows = np.flatnonzero((readings.channel == channel) & (readings.dwell == dwell))
         mean, count = _means(value[rows], readings.mounting[rows], len(design))
-        if not determines(design[count > 0]):
-            left_out.append((channel, dwell))
-            continue
         repeat, within = _repeat(readings, value, rows)
+        if not determines(design[count > 0]):
+            partly.append(_partly(channel, dwell, mean, count, design, repeat))
+            continue
         cell = solve(mean, count, design, repeat)
         given = float(np.sqrt(np.mean(readings.sigma[rows] ** 2)))
         found.append((channel, dwell, cell, given, 2.0 * cell.freedom if cell.freedom else within))
@@ -94,14 +118,33 @@ def solve_influence(readings: Readings) -> Influence:
             "the weights do not determine an influence: each forced plane needs a second angle, another weight, or a "
             "run without one, at the same speed"
         )
-    return _assembled(found, left_out, speed)
+    return _assembled(found, partly, speed)
 
 
 _Cell = tuple[int, int, MountingFit, float, float]
 """Channel, dwell, fit, noise that was given, and real degrees of freedom of one cell."""
 
 
-def _assembled(found: list[_Cell], left_out: list[tuple[int, int]], speed: Float) -> Influence:
+def _partly(
+    channel: int, dwell: int, mean: ComplexArray, count: Float, design: ComplexArray, repeat: float
+) -> PartlyKnown:
+    """What readings determine of a cell by too few weights: their solution along the rows of the design."""
+    size = np.linalg.norm(design, axis=0)
+    _, singular, rows = np.linalg.svd(design[count > 0] / size, full_matrices=False)
+    along = rows[singular > COLLINEAR * singular[0]].conj().T
+    cell = solve(mean, count, design / size @ along, repeat)
+    spread = along @ cell.weights
+    return PartlyKnown(
+        channel=channel,
+        dwell=dwell,
+        size=size,
+        coefficient=along @ cell.beta,
+        covariance=cell.mean * spread @ spread.conj().T,
+        projector=along @ along.conj().T,
+    )
+
+
+def _assembled(found: list[_Cell], partly: list[PartlyKnown], speed: Float) -> Influence:
     channels, dwells, fits, given, freedoms = zip(*found, strict=True)
     channel, dwell, cells, freedom = np.array(channels), np.array(dwells), list(fits), min(freedoms)
     size = np.sqrt([cell.mean for cell in cells])
@@ -130,7 +173,7 @@ def _assembled(found: list[_Cell], left_out: list[tuple[int, int]], speed: Float
         freedom=freedom,
         weight_freedom=freedom * speed.size / (1 + (speed.size - 1) * shared**2),
         correlation=shared,
-        left_out=tuple(left_out),
+        partly=tuple(partly),
     )
 
 

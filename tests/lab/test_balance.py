@@ -106,3 +106,64 @@ def test_readings_of_today_with_influences_of_then() -> None:
     assert "no reading of them: fwd x at 2865 rpm, fwd x at 3600 rpm, fwd y" in found.summary()
     with refuses(ValueError):
         rf.balance(influences, rf.read(rf.datasets.path("two_disk.csv")))  # type: ignore[arg-type]
+
+
+def test_a_probe_that_one_trial_run_lacks_keeps_what_is_known_of_it() -> None:
+    """Its level and its influence by the weight of the other runs; what the second weight does to it is said."""
+    rng = np.random.default_rng(6)
+    residual, influence = random_rig(rng)
+    whole = runs(rng, residual, influence, given=True)
+    last = whole.runs[-1]
+    lacking = whole.select(~((whole.run == last) & (whole.plane == "fwd") & (whole.direction == "y")))
+    known, all_known = rf.influence(lacking), rf.influence(whole)
+    assert "fwd y at 2865 rpm, fwd y at 3600 rpm do not tell the influence of fwd" in known.summary()
+    found = rf.balance(known)
+    there = np.isfinite(found.expected)
+    probes = np.array([" ".join(reading) for reading in found.readings])
+    assert set(probes[~there]) == {"fwd y"}
+    assert any("NOT CONTROLLED" in remark and "fwd y at 3600 rpm" in remark for remark in found.remarks)
+    level = {
+        tuple(cell): value for cell, value in zip(zip(probes, found.speed, strict=True), found.before, strict=True)
+    }
+    right = rf.balance(all_known)
+    for probe, speed, before in zip(right.readings, right.speed, right.before, strict=True):
+        assert level[" ".join(probe), speed] == pytest.approx(before, rel=1e-9)
+    # and with the other plane alone it is a reading like all others
+    one, same = rf.balance(known, planes=["aft"]), rf.balance(all_known, planes=["aft"])
+    assert np.isfinite(one.expected).all()
+    np.testing.assert_allclose(one.weight, same.weight, rtol=1e-9)
+    # readings of today give its level; what the second weight does to it stays unknown
+    today = whole.select(whole.run == whole.runs[0])
+    assert np.isnan(rf.balance(known, today).expected).sum() == 2
+
+
+def test_run_out_of_start_ups_is_said_to_stay_in_or_to_be_out() -> None:
+    """Truth: one probe, an influence that grows as the square of the speed, and 5 um of run-out."""
+    speed = np.arange(300.0, 3001.0, 50.0) * np.pi / 30
+    rng = np.random.default_rng(2)
+    parts = []
+    for name, weight in (("reference", 0.0), ("trial", 1e-5)):
+        noise = 2e-8 * (rng.normal(size=speed.size) + 1j * rng.normal(size=speed.size))
+        parts.append(
+            rf.PerturbationTest(
+                run=np.full(speed.size, name),
+                speed=speed,
+                frequency=speed,
+                force_plane=np.full(speed.size, "aft"),
+                force=(weight * speed**2).astype(complex),
+                plane=np.full(speed.size, "aft"),
+                direction=np.full(speed.size, "x"),
+                response=5e-6 + (3e-5 + weight * 2.0) * (speed / speed[-1]) ** 2 * np.exp(0.5j) + noise,
+                sigma=np.full(speed.size, 2e-8),
+            )
+        )
+    raw = rf.join_runs(parts, difference=False)
+    at = [2500.0 * np.pi / 30]
+    found = rf.balance(rf.influence(raw, at))
+    assert any("stays in: at 300 to 450 rpm aft x reads 5" in remark for remark in found.remarks)
+    out = rf.balance(rf.influence(raw.subtract_slow_roll({("aft", "x"): 5e-6 + 0j}), at))
+    assert not any("stays in" in remark for remark in out.remarks)
+    assert out.weight[0] == pytest.approx(-1.5e-5, rel=0.01)
+    assert abs(found.weight[0] + 1.5e-5) > 1e-6
+    fast = raw.select(raw.speed > 1000 * np.pi / 30)
+    assert any("no reading is as slow as 625 rpm" in remark for remark in rf.influence(fast, at).remarks)

@@ -40,7 +40,7 @@ class Balance(Printed):
         readings: plane and direction of the probe of each reading, C of them.
         speed: its speed, rad/s, shape ``(C,)``.
         before: vibration without the correction weights, m 0-peak, phase lead, shape ``(C,)``.
-        expected: vibration with them.
+        expected: vibration with them, NaN where no run tells what they do.
         importance: weight of each reading in the sum of squares that is made small, one on average.
         stderr: standard error of each of its real and imaginary part, another mounting's scatter included, m.
         at_limit: planes whose weight is as large as it may be.
@@ -96,9 +96,13 @@ class Balance(Printed):
             lines.append(f"in holes of {plane}: {' and '.join(put)}")
         rows = [["probe", "rpm", "before, um 0-pk", "expected", ""]]
         for k, (plane, direction) in enumerate(self.readings):
-            reach = _reach(quantile(0.95, self.freedom) * self.stderr[k] * 1e6)
+            known = np.isfinite(self.expected[k])
+            reach = _reach(quantile(0.95, self.freedom) * self.stderr[k] * 1e6) if known else ""
             both = (self.before[k], self.expected[k])
-            values = (f"{significant(abs(v) * 1e6, 3)} @ {np.degrees(np.angle(v)):.0f}" for v in both)
+            values = (
+                f"{significant(abs(v) * 1e6, 3)} @ {np.degrees(np.angle(v)):.0f}" if np.isfinite(v) else "not known"
+                for v in both
+            )
             rows.append([f"{plane} {direction}", f"{self.speed[k] * RPM_PER_RAD_S:.0f}", *values, reach])
         return "\n".join([*lines, "", *text_table(rows, "<14 >8 >20 >20 <14"), *self.remarks])
 
@@ -175,24 +179,31 @@ def balance(
     for plane in chosen:
         if plane not in influences.planes:
             raise ValueError(unknown_name("plane of a trial weight", plane, influences.planes))
-    cells, coefficients, covariance, remarks = _state(influences, reference)
+    whole = _state(influences, reference)
     kept = np.array([0, *[1 + influences.planes.index(plane) for plane in chosen]])  # the vibration first
-    places = (np.arange(len(coefficients))[:, None] * coefficients.shape[1] + kept).reshape(-1)
-    coefficients, covariance = coefficients[:, kept], covariance[np.ix_(places, places)]
+    everything = whole.coefficients[:, kept]
+    cells = np.flatnonzero(np.isfinite(everything).all(axis=1))
+    places = (cells[:, None] * whole.coefficients.shape[1] + kept).reshape(-1)
+    coefficients, covariance = everything[cells], whole.covariance[np.ix_(places, places)]
     if len(cells) < len(chosen):
         raise ValueError(
             f"weights in {len(chosen)} planes, {', '.join(chosen)}, cannot be determined from {len(cells)} "
             f"reading{'s' * (len(cells) != 1)}; balance in fewer planes, or read more probes or speeds"
         )
     solved = influences.solved
+    remarks = whole.remarks
     # All readings weigh the same where no noise was given. Estimated noise would not do: weights would follow the
     # readings that few mountings happened to leave alike, and intervals of 95 % hold 91 to 93 % then.
-    given = solved.given[cells] if np.isfinite(solved.given[cells]).all() else np.ones(len(cells))
+    given = whole.given[cells] if np.isfinite(whole.given[cells]).all() else np.ones(len(cells))
     importance = np.asarray(given**-2 / np.mean(given**-2))
     remarks += _alike(chosen, coefficients[:, 1:], importance)
     limit = _limits(chosen, limits)
     found = correct(coefficients, covariance, importance, limit)
-    mounting = np.nan_to_num(solved.mounting[cells])
+    mounting = np.nan_to_num(whole.mounting[cells])
+    out, count = np.flatnonzero(np.isnan(everything).any(axis=1)), len(everything)
+    expected = np.where(np.abs(found.left) < ROUND_OFF * np.abs(coefficients[:, 0]).max(), 0.0, found.left)
+    remarks += (influences.run_out,) if "stays in" in influences.run_out else ()
+    remarks += _uncontrolled(influences, whole, out, chosen)
     weights = dict(zip(chosen, found.weight.tolist(), strict=True))
     given_holes = {} if holes is None else _by_plane("holes", holes, chosen)
     at_limit = tuple(plane for plane, there in zip(chosen, found.at_limit.tolist(), strict=True) if there)
@@ -201,30 +212,36 @@ def balance(
         weight=found.weight,
         covariance=found.covariance,
         freedom=solved.freedom,
-        readings=tuple(influences.channels[channel] for channel in solved.channel[cells].tolist()),
-        speed=solved.speed[solved.dwell[cells]],
-        before=coefficients[:, 0],
-        expected=np.where(np.abs(found.left) < ROUND_OFF * np.abs(coefficients[:, 0]).max(), 0.0, found.left),
-        importance=importance,
-        stderr=np.hypot(found.left_error, mounting),
+        readings=tuple(influences.channels[channel] for channel, _ in whole.cells),
+        speed=solved.speed[[dwell for _, dwell in whole.cells]],
+        before=everything[:, 0],
+        expected=_at(cells, expected, count, np.nan),
+        importance=_at(cells, importance, count, 0.0),
+        stderr=_at(cells, np.hypot(found.left_error, mounting), count, np.nan),
         at_limit=at_limit,
         holes={plane: _over_holes(plane, weights[plane], _angles(plane, some)) for plane, some in given_holes.items()},
-        remarks=(*remarks, *_unknown(found, solved.mounting)),
+        remarks=(*remarks, *_unknown(found, whole.mounting[cells])),
     )
 
 
-def _state(
-    influences: Influences, reference: str | PerturbationTest | None
-) -> tuple[Index, ComplexArray, ComplexArray, tuple[str, ...]]:
-    """Cells that are read, their vibration and influences, the covariance of these, and what is to be said."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _State:
+    """What is known of every reading: vibration first, then influences; NaN where it is not."""
+
+    cells: tuple[tuple[int, int], ...]  # channel and dwell of each, C of them
+    coefficients: ComplexArray  # shape ``(C, 1 + planes)``
+    covariance: ComplexArray  # of these, cell by cell, shape ``(C (1 + planes), C (1 + planes))``
+    given: Float  # noise that was given with each, m, NaN where it was not
+    mounting: Float  # scatter of each between mountings, m, NaN where it is not known
+    remarks: tuple[str, ...]
+
+
+def _state(influences: Influences, reference: str | PerturbationTest | None) -> _State:
+    """What is known of every reading in the state that is to be corrected."""
     solved = influences.solved
-    cells = np.arange(solved.channel.size)
-    coefficients = np.column_stack([solved.residual, solved.influence])
-    if not (reference is None or isinstance(reference, str)):
-        return _read_now(influences, reference, coefficients)
     weights = np.zeros(len(influences.planes), dtype=complex)
     remarks: tuple[str, ...] = ()
-    if reference is not None:
+    if isinstance(reference, str):
         test = influences.measured
         if reference not in test.runs:
             raise ValueError(f"{test.source or 'the test'}: {unknown_name('reference run', reference, test.runs)}")
@@ -239,45 +256,86 @@ def _state(
         remarks = (f"the weights of run {reference} stay in: {', '.join(stay)}",) if stay else ()
     share = np.eye(weights.size + 1, dtype=complex)
     share[0, 1:] = weights
-    every = np.kron(np.eye(cells.size), share)
-    return cells, coefficients @ share.T, every @ solved.whole @ every.conj().T, remarks
+    full = np.kron(np.eye(solved.channel.size), share)
+    parts = [one.combined(share) for one in solved.partly]
+    lost = np.full(len(parts), np.nan)
+    state = _State(
+        cells=(
+            *zip(solved.channel.tolist(), solved.dwell.tolist(), strict=True),
+            *((one.channel, one.dwell) for one in solved.partly),
+        ),
+        coefficients=np.concatenate(
+            [np.column_stack([solved.residual, solved.influence]) @ share.T, *(values[None] for values, _ in parts)]
+        ),
+        covariance=_in_blocks([full @ solved.whole @ full.conj().T, *(own for _, own in parts)]),
+        given=np.concatenate([solved.given, lost]),
+        mounting=np.concatenate([solved.mounting, lost]),
+        remarks=remarks,
+    )
+    return state if reference is None or isinstance(reference, str) else _read_now(influences, reference, state)
 
 
-def _read_now(
-    influences: Influences, now: PerturbationTest, coefficients: ComplexArray
-) -> tuple[Index, ComplexArray, ComplexArray, tuple[str, ...]]:
+def _in_blocks(blocks: Sequence[ComplexArray]) -> ComplexArray:
+    from scipy.linalg import block_diag  # late: loading it takes longer than a fit
+
+    return np.asarray(block_diag(*blocks))
+
+
+def _at(cells: Index, values: Any, count: int, otherwise: float) -> Any:
+    """Values of some cells among those of all."""
+    found = np.full(count, otherwise, dtype=values.dtype)
+    found[cells] = values
+    return found
+
+
+def _uncontrolled(influences: Influences, state: _State, out: Index, planes: Sequence[str]) -> tuple[str, ...]:
+    """A sentence on readings of which the weights do what no run tells."""
+    places: dict[str, list[str]] = {}
+    for at in out.tolist():
+        known = state.coefficients[at]
+        put = [plane for plane in planes if np.isnan(known[1 + influences.planes.index(plane)])]
+        why = f"no run that reads it tells the influence of {' and '.join(put)}" if put else "its level is not known"
+        places.setdefault(why, []).append(influences.place(*state.cells[at]))
+    return tuple(f"NOT CONTROLLED, because {why}: {', '.join(at)}" for why, at in places.items())
+
+
+def _read_now(influences: Influences, now: PerturbationTest, state: _State) -> _State:
     """Vibration as it was read anew, with influences as they were found."""
     solved = influences.solved
-    kept, values, errors = [], [], []
-    for cell, (channel, dwell) in enumerate(zip(solved.channel.tolist(), solved.dwell.tolist(), strict=True)):
+    kept, values, errors, missed = [], [], [], []
+    for cell, (channel, dwell) in enumerate(state.cells):
         plane, direction = influences.channels[channel]
         speed = solved.speed[dwell]
         rows = (now.plane == plane) & (now.direction == direction)
         rows &= np.abs(now.speed - speed) <= SPEED_TOLERANCE * speed
-        if rows.any():
-            given = float(np.sqrt(np.mean(now.sigma[rows] ** 2)))
-            kept.append(cell)
-            values.append(complex(now.response[rows].mean()))
-            errors.append((given if np.isfinite(given) else float(solved.repeat[cell])) / np.sqrt(rows.sum()))
-    cells = np.array(kept, dtype=np.intp)
-    if not cells.size:
+        if not rows.any():
+            missed.append(influences.place(channel, dwell))
+            continue
+        given = float(np.sqrt(np.mean(now.sigma[rows] ** 2)))
+        repeat = float(solved.repeat[cell]) if cell < solved.repeat.size else np.nan
+        kept.append(cell)
+        values.append(complex(now.response[rows].mean()))
+        errors.append((given if np.isfinite(given) else repeat) / np.sqrt(rows.sum()))
+    if not kept:
         raise ValueError(
             f"{now.source or 'the reference'} has no reading of the probes and speeds of the influences; these are "
             f"{', '.join(' '.join(channel) for channel in influences.channels)}"
         )
-    missed = [
-        f"{' '.join(influences.channels[solved.channel[i]])} at {solved.speed[solved.dwell[i]] * RPM_PER_RAD_S:.0f} rpm"
-        for i in range(solved.channel.size)
-        if i not in kept
-    ]
-    size = coefficients.shape[1]
-    places = (cells[:, None] * size + np.arange(size)).reshape(-1)
-    covariance = solved.whole[np.ix_(places, places)].copy()
-    first = np.arange(cells.size) * size
+    size = state.coefficients.shape[1]
+    places = (np.array(kept)[:, None] * size + np.arange(size)).reshape(-1)
+    covariance = state.covariance[np.ix_(places, places)].copy()
+    first = np.arange(len(kept)) * size
     covariance[first, :] = covariance[:, first] = 0.0
     covariance[first, first] = np.square(errors)
     remarks = (f"left out, because the reference has no reading of them: {', '.join(missed)}",) if missed else ()
-    return cells, np.column_stack([values, coefficients[cells, 1:]]), covariance, remarks
+    return _State(
+        cells=tuple(state.cells[cell] for cell in kept),
+        coefficients=np.column_stack([values, state.coefficients[kept, 1:]]),
+        covariance=covariance,
+        given=state.given[kept],
+        mounting=state.mounting[kept],
+        remarks=remarks,
+    )
 
 
 def _by_plane(option: str, given: Any, planes: Sequence[str]) -> Mapping[str, Any]:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from rotorfit.base.array_types import Float, Index
 from rotorfit.base.digits import significant
+from rotorfit.base.significance import SIGNIFICANT_ERRORS
 from rotorfit.base.text_table import Printed, text_table
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
@@ -39,6 +40,7 @@ class Influences(Printed):
         mountings: names of the mountings.
         weight: unbalance that the rows of ``test`` are responses to, kg m, one a plane.
         measured: the readings that they come from.
+        run_out: a sentence on the run-out of start-ups, which slow turning shows.
     """
 
     solved: Influence
@@ -47,6 +49,7 @@ class Influences(Printed):
     mountings: tuple[str, ...]
     weight: Float
     measured: PerturbationTest
+    run_out: str = ""
 
     @cached_property
     def test(self) -> PerturbationTest:
@@ -124,18 +127,33 @@ class Influences(Printed):
                 "nothing says which runs are repeats of one mounting, so each counts as a mounting of its own; name "
                 f"repeats A-1, A-2 or add a column {MOUNTING}"
             )
-        if self.solved.left_out:
-            places = [
-                f"{' '.join(self.channels[channel])} at {self.solved.speed[dwell] * RPM_PER_RAD_S:.0f} rpm"
-                for channel, dwell in self.solved.left_out
-            ]
-            found.append(f"left out, because their weights do not determine an influence: {', '.join(places)}")
+        lacking: dict[str, list[str]] = {}  # places by what is not known of them
+        for one in self.solved.partly:
+            known = np.isfinite(one.combined(np.eye(1 + len(self.planes), dtype=complex))[0]).tolist()
+            what = ["its level without weights", *(f"the influence of {plane}" for plane in self.planes)]
+            unknown = " and ".join(name for name, there in zip(what, known, strict=True) if not there)
+            lacking.setdefault(unknown, []).append(self.place(one.channel, one.dwell))
+        found += [
+            f"the runs that read {', '.join(places)} do not tell {unknown}; what they tell is kept"
+            for unknown, places in lacking.items()
+        ]
+        found += [self.run_out] if self.run_out else []
         return tuple(found)
+
+    def place(self, channel: int, dwell: int) -> str:
+        """Probe and speed of a cell in words.
+
+        Args:
+            channel: its number.
+            dwell: number of its speed.
+        """
+        return f"{' '.join(self.channels[channel])} at {self.solved.speed[dwell] * RPM_PER_RAD_S:.0f} rpm"
 
     def summary(self) -> str:
         """Table of residual vectors and influences with standard errors, um and um/(g mm), degrees of lead."""
         size = len(self.planes)
         errors = np.sqrt(np.real(np.diag(self.solved.covariance))).reshape(-1, size)
+        scale = np.array([1e6, *[1.0] * size])  # um, and um/(g mm), which is m/(kg m)
         heads = [cell for plane in self.planes for cell in (plane, "")]
         rows = [["probe", "rpm", "residual", *heads], ["", "", "um 0-pk", *["um/(g mm)", ""] * size]]
         for cell, (channel, dwell) in enumerate(zip(self.solved.channel, self.solved.dwell, strict=True)):
@@ -143,6 +161,14 @@ class Influences(Printed):
             row = [" ".join(self.channels[channel]), f"{speed:.0f}", _polar(self.solved.residual[cell] * 1e6)]
             for value, error in zip(self.solved.influence[cell], errors[cell], strict=True):
                 row += [_polar(value), f"+- {significant(error, 1)}" if np.isfinite(error) else "+- ?"]
+            rows.append(row)
+        for one in self.solved.partly:
+            values, covariance = one.combined(np.eye(1 + size, dtype=complex))
+            speed = self.solved.speed[one.dwell] * RPM_PER_RAD_S
+            level, *influences = (_polar(value) if np.isfinite(value) else "not known" for value in values * scale)
+            row = [" ".join(self.channels[one.channel]), f"{speed:.0f}", level]
+            for said, error in zip(influences, np.sqrt(np.real(np.diag(covariance)))[1:], strict=True):
+                row += [said, "" if np.isnan(error) else f"+- {significant(error, 1)}"]
             rows.append(row)
         lines = text_table(rows, "<14 >8 >18" + " >18 <8" * size)
         seen = [self.modes_told] if self.modes_told else []
@@ -179,8 +205,11 @@ def influence(test: PerturbationTest, speeds: ArrayLike | None = None) -> Influe
     name = test.source or "the test"
     if not test.synchronous:
         raise ValueError(f"{name} is not synchronous: influences need runs with frequency = speed on all rows")
+    run_out = ""
     if speeds is not None:
-        test = at_speeds(test, np.atleast_1d(np.asarray(speeds, dtype=float)))
+        chosen = np.atleast_1d(np.asarray(speeds, dtype=float))
+        run_out = _run_out(test, float(chosen.min()))
+        test = at_speeds(test, chosen)
     if not dwells(test):
         raise ValueError(
             f"{name} has runs over many speeds (start-ups): choose some (speeds=, --speeds RPM,RPM), or fit the "
@@ -198,6 +227,37 @@ def influence(test: PerturbationTest, speeds: ArrayLike | None = None) -> Influe
         mountings=mountings,
         weight=np.array([np.median(np.abs(column[column != 0])) for column in readings.unbalance.T]),
         measured=test,
+        run_out=run_out,
+    )
+
+
+def _run_out(test: PerturbationTest, least_speed: float) -> str:
+    """What slow turning shows in start-ups that are read at so high speeds: run-out, or that it is taken out."""
+    slow_share = 0.25  # of a speed at which an unbalance moves a rotor 16 times less than there, or less still
+    beside = 1.5  # times the slowest speed up to which readings are averaged
+    slowest = float(test.speed.min())
+    if slowest > slow_share * least_speed:
+        return (
+            f"run-out (slow roll) stays in: no reading is as slow as {slow_share * least_speed * RPM_PER_RAD_S:.0f} "
+            "rpm, which would show it; record start-ups from a slow speed on"
+        )
+    part = test.select(test.speed <= min(beside * slowest, slow_share * least_speed))
+    first, number = part.alike("plane", "direction")
+    mean = np.array([part.response[number == k].mean() for k in range(first.size)])
+    scatter = [np.sqrt(np.mean(np.abs(part.response[number == k] - mean[k]) ** 2)) for k in range(first.size)]
+    largest = int(np.argmax(np.abs(mean)))
+    error = scatter[largest] / np.sqrt(np.sum(number == largest))
+    probe = f"{part.plane[first[largest]]} {part.direction[first[largest]]}"
+    size = f"{significant(abs(mean[largest]) * 1e6, 2)} um"
+    low, high = (f"{end * RPM_PER_RAD_S:.0f}" for end in (part.speed.min(), part.speed.max()))
+    fast = np.abs(test.response[test.speed >= least_speed]).max()
+    of_unbalance = fast * (part.speed.max() / least_speed) ** 2  # which moves a stiff rotor by as much at most
+    if abs(mean[largest]) <= max(SIGNIFICANT_ERRORS * error, of_unbalance):
+        return f"run-out is taken out, or small: at {low} to {high} rpm the probes read no more than an unbalance makes"
+    limit = 10 * int(np.ceil(part.speed.max() * RPM_PER_RAD_S / 10))
+    return (
+        f"run-out (slow roll) stays in: at {low} to {high} rpm {probe} reads {size}, which no weight takes out; "
+        f"subtract it (slow_roll_below_rpm={limit}, --slow-roll-below {limit})"
     )
 
 
