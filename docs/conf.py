@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,9 @@ sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
 
 import rotorfit
 
+ROOT = Path(__file__).parent.parent
+REPOSITORY = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["urls"]["Repository"]
+
 project = "rotorfit"
 author = "The rotorfit maintainers"
 version = release = rotorfit.__version__
@@ -20,6 +25,7 @@ version = release = rotorfit.__version__
 extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
+    "sphinx.ext.linkcode",
     "sphinx.ext.napoleon",
     "sphinx.ext.mathjax",
     "sphinx-mathjax-offline",
@@ -41,7 +47,10 @@ myst_heading_anchors = 4
 bibtex_bibfiles = ["references.bib"]
 bibtex_reference_style = "author_year"
 
-autodoc_typehints = "none"
+autodoc_typehints = "signature"
+autodoc_typehints_format = "short"
+autodoc_default_options = {"inherited-members": "object, dict, tuple, Sequence, ABC, RotorModel, Exception, IntEnum"}
+python_maximum_signature_line_length = 88
 autodoc_member_order = "bysource"
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
@@ -60,6 +69,20 @@ sphinx_gallery_conf = {
     "write_computation_times": False,
     "min_reported_time": 20,
 }
+
+
+def linkcode_resolve(domain: str, info: dict[str, str]) -> str | None:
+    """Where the repository holds what a page describes."""
+    found = sys.modules.get(info["module"]) if domain == "py" else None
+    for part in info["fullname"].split("."):
+        found = getattr(found, part, None)
+    try:
+        found = inspect.unwrap(found.fget if isinstance(found, property) else found)
+        lines, begin = inspect.getsourcelines(found)
+        file = Path(inspect.getsourcefile(found) or "").resolve().relative_to(ROOT)
+    except (TypeError, OSError, ValueError):  # data, and what other packages write
+        return None
+    return f"{REPOSITORY}/blob/main/{file}#L{begin}-L{begin + len(lines) - 1}"
 
 
 def for_whom(app: Sphinx, docname: str, source: list[str]) -> None:

@@ -16,16 +16,11 @@ _SAVED = re.compile(r"^(\S.*)\.savefig\([^()]*\)$", re.MULTILINE)
 _PICTURE = re.compile(r"^!\[.*\]\(.*\)$\n?|^(?:<!--|-->)$\n?", re.MULTILINE)
 """A page's pictures, which a notebook draws itself, and marks of what a page does not show."""
 _LINK_INSIDE = re.compile(r"\[([^\]]+)\]\((?!https?:)[^)]*\)")
-FIRST_CELL = """import shutil
-
-import rotorfit
-
-shutil.copy(rotorfit.datasets.path("rig_open.csv"), "rig.csv")  # the file that these pages read"""
 
 
 def cells_of(text: str) -> list[dict[str, object]]:
-    """Cells of a page of Markdown: text, code, and a first one that brings the file that pages read."""
-    cells = [_cell("code", FIRST_CELL)]
+    """Cells of a page of Markdown: text and code."""
+    cells: list[dict[str, object]] = []
     begin = 0
     for block in _BLOCK.finditer(text):
         if block[1] == "python":
