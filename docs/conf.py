@@ -39,6 +39,7 @@ extensions = [
     "repository_pages",
 ]
 exclude_patterns = ["_build", "_extensions", "_notebooks", "paper"]
+suppress_warnings = ["ref.python"]  # fields of records that have one name, such as ``attributes``
 smartquotes = False  # -- stays what it is: the options of a command
 
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
@@ -110,6 +111,8 @@ html_css_files = ["site.css"]
 html_show_sourcelink = False
 html_context = {"default_mode": "auto"}  # light or dark, as the reader's system is
 html_theme_options = {
+    "logo": {"text": f"rotorfit {version}"},
+    "icon_links": [{"name": "Source", "url": REPOSITORY, "icon": "fa-brands fa-github"}],
     "navigation_with_keys": False,
     "show_nav_level": 1,
     "header_links_before_dropdown": 7,

@@ -72,7 +72,9 @@ class RotorModel(Tabled, ABC):
     in_band_only: bool = False  # its free motion is that of the rotor up to the tested frequencies only
     magnetic: tuple[str, ...] = ()  # planes in a magnetic bearing
     # numbers that a first screen of its fits shows: names of parameters, or what ``headline.py`` works out of them
-    leads: tuple[str, ...] = ("threshold speed", "least damping", "D", "lam", "lam_D", "lam_M", "Mf", "K0")
+    leads: tuple[str, ...] = (
+        "threshold speed", "frequencies", "anisotropy", "least damping", "D", "lam", "lam_D", "lam_M", "law", "Mf", "K0"
+    )  # fmt: skip
     no_closed_form: str = ""  # why a closed form of it says nothing with errors, in words
     advice: str = ""  # what to do where it limits a fit, other than to let data ask for blocks
     of_modes: bool = False  # its coordinates are modes, x and y each for itself

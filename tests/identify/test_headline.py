@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plain import plain_fit
+from scipy.linalg import eigh
 from synthetic import SPEEDS, TYPICAL, circular_test, covering_frequencies, known_of
 
 import rotorfit as rf
@@ -53,6 +54,34 @@ def test_the_least_damping_is_that_of_the_eigenvalues() -> None:
     assert sorted(names) == ["1B", "1F", "2B", "2F"]
     _, ratio = fit.natural_frequencies(speed)[0]
     assert decrement_of(ratio).value == pytest.approx(2 * np.pi * ratio.value / np.sqrt(1 - ratio.value**2))
+
+
+def test_a_rotor_that_no_speed_changes_begins_with_its_resonances() -> None:
+    """Against the eigenvalues of its masses and springs, and the truth of the law that a fluid follows."""
+    fit = plain_fit(rf.models.TwoDisk(), rf.datasets.two_disk())
+    numbers = headline(fit).numbers
+    assert [n.name for n in numbers] == ["mode 1", "mode 2", "least damping, mode 1", "M1", "M2"]
+    p = {name: parameter.value for name, parameter in fit.params.items()}
+    springs = [[p["K1"] + p["K2"], -p["K2"]], [-p["K2"], p["K2"] + p["K3"]]]
+    expected = np.sqrt(eigh(springs, np.diag([p["M1"], p["M2"]]), eigvals_only=True)) * 30 / np.pi
+    damped = expected * np.sqrt(1 - np.array([0.03, 0.032]) ** 2)
+    assert [n.quantity.value for n in numbers[:2]] == pytest.approx(damped, rel=1e-3)
+    assert headline(fit).verdict.startswith(f"Resonance at {numbers[0].shown.value} and {numbers[1].shown.value} rpm.")
+
+
+def test_modes_and_laws_lead_with_their_own_numbers() -> None:
+    modal = plain_fit(rf.models.Modal(), rf.datasets.rk4(), phase_offsets="common")
+    names = [n.name for n in headline(modal).numbers]
+    assert names[:2] == ["mode 1", "least damping, mode 1"]
+    assert not {"wn", "zeta"} & set(names)
+    assert headline(modal).numbers[0].quantity.value == pytest.approx(modal.params["wn"].value * 30 / np.pi)
+    law = rf.models.Muszynska()
+    rotor = rf.models.OneMode(law=law, clearance_um=127.0)
+    values = TYPICAL["one-mode"] | law.start(TYPICAL["one-mode"]["K0"], TYPICAL["one-mode"]["D"])
+    w = np.linspace(20, 250, 12)
+    test = rf.simulate(rotor, values, speed=150.0, frequency=w, force=[1.0, 5.0], noise=0.002, seed=1)
+    fit = plain_fit(rotor, test, known={"K": values["K"], "Ds": values["Ds"]})
+    assert headline(fit).numbers[-1].name == law.parameters[0].name
 
 
 def test_shares_of_a_number_add_up_to_its_variance(fit: rf.FitResult) -> None:

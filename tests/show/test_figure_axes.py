@@ -219,6 +219,12 @@ def test_no_empty_figure_is_drawn() -> None:
     seen = test.select((test.plane == model.planes[1]) & (test.force_plane == model.planes[0]))
     fit = plain_fit(model, seen, known={name: TYPICAL["two-disk"][name] for name in ("M1", "M2", "K1")})
     assert [figure.name for figure in figures_of(fit)] == ["bode", "polar", "residuals"]
-    assert [name for good in (True, False) for name, _ in first_figures(fit, good=good)] == ["misfit"]
+    for good in (True, False):
+        assert [name for name, _ in first_figures(fit, good=good)] == ["largest_response", "misfit"]
+    (axis,) = fit.plot.largest_response().axes
+    for line in axis.get_lines():
+        x, y = line.get_xydata()[np.isfinite(line.get_xdata())].T
+        expected = 1e6 * np.abs(model.receptance(fit.theta(), x / RPM, 0.0)[:, 1, 0])
+        np.testing.assert_allclose(y, expected, rtol=1e-6)
     with refuses(ValueError):
         fit.plot.dynamic_stiffness()

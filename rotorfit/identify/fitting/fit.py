@@ -103,8 +103,8 @@ def fit(
         max_iterations: limit on the iterations of the search.
 
     Returns:
-        the result; a fit that did not converge has ``success`` false and the best estimate found. What is wrong with
-        the data is looked for when its :attr:`FitResult.findings` are asked for.
+        the result; a fit that did not converge has ``success`` false and the best estimate found. Data checks
+        run when :attr:`FitResult.findings` are read.
 
     Raises:
         TypeError: a class or a name in place of a model, or something else than experiments.

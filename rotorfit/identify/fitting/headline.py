@@ -121,7 +121,8 @@ class Headline:
         shown = {number.name for number in found}
         of_groups = bool(found) and len(fit.thetas) > 1  # one group's value says little beside what leads
         for p in fit.params.values() if not of_groups else ():
-            if len(found) < MOST and p.vary and p.name in fit.problem.space.names and p.name not in shown:
+            told = p.name in shown or (fit.model.of_modes and bare_name(p.name).startswith(("wn", "zeta")))
+            if len(found) < MOST and p.vary and p.name in fit.problem.space.names and not told:
                 found += _parameter(fit, p.name)
         return tuple(found[:MOST])
 
@@ -206,16 +207,52 @@ def _threshold(fit: FitResult) -> Iterator[KeyNumber]:
     yield KeyNumber(name=name, meaning="of instability", quantity=onset.to("rpm"), instead=instead)
 
 
+def _frequencies(fit: FitResult) -> Iterator[KeyNumber]:
+    """Natural frequencies of the lowest modes of a rotor that no speed changes."""
+    if not fit.success or fit.model.speed_dependent or fit.model.turns:
+        return
+    few = 3  # modes, beside which there is room for their damping
+    for name, frequency, _ in _standing_modes(fit)[:few]:
+        yield KeyNumber(name=f"mode {name}", meaning="natural frequency", quantity=frequency.to("rpm"))
+
+
+def _standing_modes(fit: FitResult) -> list[tuple[str, Quantity, Quantity]]:
+    """Name, natural frequency and damping ratio of the modes of a rotor that no speed changes."""
+    if not fit.model.of_modes:
+        return named_modes(modes_at(fit, 0.0), sensed=False)
+    p = fit.params
+    names = [name.removeprefix("wn") for name in p if bare_name(name).startswith("wn")]
+    return named_modes([(p[f"wn{n}"]._quantity, p[f"zeta{n}"]._quantity) for n in names], sensed=False)
+
+
+def _anisotropy(fit: FitResult) -> Iterator[KeyNumber]:
+    """How far a shaft is from round, and where it is stiff."""
+    if "dK_cos" not in fit.model.parameter_names or len(fit.thetas) > 1 or not fit.success:
+        return
+    found = fit.turning_anisotropy()
+    yield KeyNumber(name="dK", meaning="turning anisotropy", quantity=found.dK)
+    if math.isfinite(found.ratio.value):
+        yield KeyNumber(name="dK/K", meaning="share of the stiffness", quantity=100 * found.ratio, unit="%")
+    instead = "" if math.isfinite(found.angle.stderr) else "not determined"
+    angle = found.angle.to("deg")
+    yield KeyNumber(name="angle", meaning="of the stiff direction", quantity=angle, instead=instead)
+
+
+def _law(fit: FitResult) -> Iterator[KeyNumber]:
+    """What a law of eccentricity says of the fluid."""
+    law = getattr(fit.model, "law", None)
+    for parameter in law.parameters if law is not None else ():
+        yield from _parameter(fit, parameter.name)
+
+
 def _least_damping(fit: FitResult) -> Iterator[KeyNumber]:
     """Logarithmic decrement of the least damped mode at the highest tested speed."""
     if not fit.success or fit.model.turns:
         return
     speed = top_speed(fit)
-    swinging = [
-        (mode, zeta)
-        for mode, _, zeta in named_modes(modes_at(fit, speed), sensed=speed > 0)
-        if abs(zeta.value) < OVERDAMPED
-    ]
+    of_modes = not fit.model.speed_dependent
+    modes = _standing_modes(fit) if of_modes else named_modes(modes_at(fit, speed), sensed=speed > 0)
+    swinging = [(mode, zeta) for mode, _, zeta in modes if abs(zeta.value) < OVERDAMPED]
     if not swinging:
         return
     # Forward of two that are damped alike but for round-off
@@ -303,6 +340,9 @@ def _prefixed(quantity: Quantity) -> Quantity:
 
 _LEADS: dict[str, Callable[[FitResult], Iterator[KeyNumber]]] = {
     "threshold speed": _threshold,
+    "frequencies": _frequencies,
+    "anisotropy": _anisotropy,
+    "law": _law,
     "least damping": _least_damping,
     "coefficients": _coefficients,
 }
@@ -324,6 +364,9 @@ def _said_of(fit: FitResult, numbers: Sequence[KeyNumber]) -> Iterator[str]:
             yield f"and damps faster whirl, at {row.condition}."
         return
     first = numbers[0] if numbers else None
+    if first is not None and first.meaning == "natural frequency":
+        told = [number.shown.value for number in numbers if number.meaning == first.meaning]
+        yield f"Resonance at {_both(told)} rpm."
     if first is None or not first.name.startswith("threshold speed"):
         return
     yield from _stability(fit, first)
@@ -362,7 +405,12 @@ def _speeds(fit: FitResult) -> str:
     rpm = [significant(speed * RPM_PER_RAD_S, 4) for speed in fit.speeds.tolist()]
     if len(rpm) > few:
         return f"speeds, {rpm[0]} to {rpm[-1]} rpm"
-    return f"speeds, {', '.join(rpm[:-1])} and {rpm[-1]} rpm" if rpm[1:] else f"speed, {rpm[0]} rpm"
+    return f"speed{'s' if rpm[1:] else ''}, {_both(rpm)} rpm"
+
+
+def _both(words: Sequence[str]) -> str:
+    """Words with commas and an "and" between."""
+    return " and ".join(part for part in (", ".join(words[:-1]), words[-1]) if part)
 
 
 def _unstable_where_tested(fit: FitResult) -> bool:

@@ -125,16 +125,20 @@ def first_figures(fit: FitResult, *, good: bool) -> list[tuple[str, str]]:
     """The two half figures of a first screen, each the method of ``fit.plot`` and what it shows.
 
     What the numbers of a rotor stand on is its quadrature stiffness, and how far it is from unstable; of a seal the
-    stiffness over whirl frequency and the whirl frequency ratio. Of a fit that is not good the second is its misfit.
+    stiffness over whirl frequency and the whirl frequency ratio; of a rotor that no speed changes its largest response.
+    Of a fit that is not good the second is its misfit, as it is where there is no other.
     """
     kinds = {kind for block in fit.problem.blocks for kind in _kinds(block)}
+    of_seal, changes = "coefficients" in leads_of(fit), fit.model.speed_dependent and not fit.model.turns
     found = []
+    if "responses" in kinds and not of_seal and not changes:
+        found.append(("largest_response", "Amplitude of the largest response against frequency"))
     if "stiffness" in kinds:
         found.append(("quadrature", "Quadrature stiffness against frequency"))
-    if "coefficients" in leads_of(fit) and fit.speeds.any():
+    if of_seal and fit.speeds.any():
         found.append(("whirl_ratio", "Whirl frequency ratio against speed"))
-    elif fit.model.speed_dependent and not fit.model.turns and fit.success:
+    elif changes and fit.success:
         found.append(("damping", "Damping ratio of the whirl modes against speed"))
-    if not good and "responses" in kinds:
-        found = [*found[:1], ("misfit", "Residuals over their noise against frequency")]
-    return found
+    if "responses" in kinds:
+        found = [*found[: 2 if good else 1], ("misfit", "Residuals over their noise against frequency")]
+    return found[:2]

@@ -18,7 +18,7 @@ from rotorfit.show.plots.eccentricity import plot_law, plot_nonlinear_stiffness
 from rotorfit.show.plots.figure_keywords import PlotKeywords
 from rotorfit.show.plots.figure_table import figures_of
 from rotorfit.show.plots.modal import plot_mode_shapes, plot_stabilisation
-from rotorfit.show.plots.responses import plot_misfit, plot_polar, plot_residuals
+from rotorfit.show.plots.responses import plot_largest_response, plot_misfit, plot_polar, plot_residuals
 from rotorfit.show.plots.shaft_lines import plot_lines
 from rotorfit.show.plots.stability import plot_damping, plot_stability
 from rotorfit.show.plots.static_and_impulse import plot_static_locus, plot_static_stiffness, plot_velocity_ratio
@@ -136,6 +136,10 @@ class FitPlots:
             1
         """
         return plot_budget(self._fit, **look)
+
+    def largest_response(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Amplitude of the largest response in one panel, with the fit; ``ax`` and ``unit`` as for :meth:`bode`."""
+        return plot_largest_response(self._fit, **look)
 
     def misfit(self, **look: Unpack[PlotKeywords]) -> Figure:
         """All residuals over their noise in one panel; ``ax`` and ``unit`` as for :meth:`bode`."""

@@ -189,6 +189,24 @@ def plot_residuals(fit: FitResult, *, sheet: Sheet) -> Figure:
 
 
 @on_sheet
+def plot_largest_response(fit: FitResult, *, sheet: Sheet) -> Figure:
+    """Amplitude of the largest response against frequency in one panel: the half figure of a rotor without fluid."""
+    found = curves(fit, sheet)[1]
+    largest = max(found, key=lambda curve: float(np.nanmax(np.abs(curve.fitted), initial=0.0)))
+    own = [c for c in found if (c.coordinate, c.force_plane) == (largest.coordinate, largest.force_plane)]
+    factor, unit = response_unit(sheet, fit.model, largest.coordinate, own)
+    figure, ((axis,),) = sheet.grid(1, 1, "", size=HALF)
+    panel_title(axis, cell_title(fit.model, largest.coordinate, largest.force_plane))
+    for curve in joined(own):
+        x, shade = curve.frequency * sheet.per_rad_s, shades(curve.condition.colour, opacity_of(curve.uncertainty))
+        axis.scatter(x, factor * np.abs(curve.measured), s=8, c=shade, marker=curve.condition.marker, linewidths=0)
+        axis.plot(curve.fine * sheet.per_rad_s, factor * np.abs(curve.fitted), color=curve.condition.colour, lw=1.5)
+    axis.set(xlabel=frequency_label(sheet, own), ylabel=f"amplitude, {unit}")
+    axis.set_ylim(0, 1.18 * factor * max(float(np.nanmax(np.abs(curve.fitted), initial=0.0)) for curve in own))
+    return figure
+
+
+@on_sheet
 def plot_misfit(fit: FitResult, *, sheet: Sheet) -> Figure:
     """All residuals over their noise against frequency in one panel: the half figure of a fit that is not good."""
     conditions, found = curves(fit, sheet)

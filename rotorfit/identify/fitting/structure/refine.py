@@ -79,10 +79,10 @@ def structure_name(model: RotorModel) -> str:
 
 
 def refine(fit: FitResult) -> Refinement:
-    """Try every structural block, whole, beside those that lowered AIC so far, and choose the smallest good candidate.
+    """Add structural blocks one at a time, and choose the simplest of the candidates with indistinguishable AIC.
 
     Factors of probes are tried first, as many as the data can tell: where they alone explain what the plain model
-    misses, they stay in it. A block is taken in where it lowers AIC by more than AIC scatters for nested models that
+    misses, they stay in it. A block is kept where it lowers AIC by more than AIC scatters for nested models that
     are both right: the square root of twice the number of values added, 2 to 4 as a rule.
 
     No candidate is the rotor itself: BIC, which looks for the true one, ends the selection while neglected
