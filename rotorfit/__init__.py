@@ -63,10 +63,12 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.lab.kinds.free_vibration import ImpulseTest as ImpulseTest
     from rotorfit.lab.kinds.free_vibration import RingDownTest as RingDownTest
     from rotorfit.lab.kinds.line_test import LineTest as LineTest
+    from rotorfit.lab.kinds.operating_test import OperatingTest as OperatingTest
     from rotorfit.lab.kinds.static_test import StaticTest as StaticTest
     from rotorfit.lab.observing.measured_stiffness import dynamic_stiffness as dynamic_stiffness
     from rotorfit.lab.recordings.recording import Recording as Recording
     from rotorfit.lab.recordings.recording import read_recording as read_recording
+    from rotorfit.lab.recordings.reduction.operating_spectra import operating_spectra as operating_spectra
     from rotorfit.lab.recordings.reduction.responses import responses as responses
     from rotorfit.lab.recordings.reduction.ring_downs import ring_downs as ring_downs
     from rotorfit.lab.recordings.reduction.shaft_lines import shaft_lines as shaft_lines
@@ -98,6 +100,7 @@ _NAMES = {
     "lab.kinds.displacement_test": "DisplacementTest",
     "lab.kinds.free_vibration": "ImpulseTest RingDownTest",
     "lab.kinds.line_test": "LineTest",
+    "lab.kinds.operating_test": "OperatingTest",
     "lab.kinds.static_test": "StaticTest",
     "lab.data.from_arrays": "perturbation_test",
     "lab.data.findings": "DataWarning Finding",
@@ -124,6 +127,7 @@ _NAMES = {
     "studies.planning.plan": "plan",
     "studies.planning.record": "Plan",
     "lab.recordings.recording": "Recording read_recording",
+    "lab.recordings.reduction.operating_spectra": "operating_spectra",
     "lab.recordings.reduction.responses": "responses",
     "lab.recordings.reduction.ring_downs": "ring_downs",
     "lab.recordings.reduction.shaft_lines": "shaft_lines",

@@ -163,6 +163,27 @@ class Asked(Protocol):
         """Misses over their noise, shape ``(..., R)``, free of what they have in common."""
         return scaled
 
+    def weighed(self, predicted: ComplexArray) -> Block:
+        """The same with the noise that readings have where predictions, shape ``(..., R)``, are right.
+
+        Args:
+            predicted: what is predicted for them.
+        """
+        return self  # type: ignore[return-value]
+
+    @property
+    def normal(self) -> bool:
+        """True if the errors of its readings are normal: the squares of residuals are their likelihood."""
+        return True
+
+    def losses(self, residuals: ComplexArray) -> Float:
+        """Twice what whitened residuals of shape ``(..., R)`` add to minus the logarithm of the likelihood.
+
+        Args:
+            residuals: weighed by predictions, see :meth:`weighed`.
+        """
+        return residuals.real**2 + residuals.imag**2
+
     def scattered(self, rows: ComplexArray) -> ComplexArray:
         """Covariance of the whitened residuals times rows of whitened derivatives, shape ``(R, p)``."""
         return rows

@@ -123,13 +123,11 @@ class BlockTerm:
 
     def losses(self, x: Float) -> Float:
         """Twice what each reading adds to the cost, shape ``(..., R)``."""
-        r = self.residuals(x)
-        return robust_weights(self.loss, r.real**2 + r.imag**2)[0]
+        return robust_weights(self.loss, self.block.losses(self.residuals(x)))[0]
 
     def _misses(self, predicted: ComplexArray, measured: ComplexArray | None) -> ComplexArray:
-        return whiten(
-            self.block, predicted - (self.block.measured if measured is None else measured[..., self.readings])
-        )
+        given = self.block.measured if measured is None else measured[..., self.readings]
+        return whiten(self.block.weighed(predicted), predicted - given)
 
     # ---- derivatives -------------------------------------------------------------------------------------------------
 
@@ -218,6 +216,8 @@ class BlockTerm:
     def _weighed(self, r: ComplexArray, rows: ComplexArray) -> tuple[Float, ComplexArray, ComplexArray]:
         """Cost of residuals, and these and their derivatives as a robust loss weighs them."""
         if self.loss == "linear":
+            if not self.block.normal:
+                return 0.5 * self.block.losses(r).sum(axis=-1), r, rows
             squares = r.view(float)
             return 0.5 * np.einsum("...r,...r->...", squares, squares), r, rows
         rho, weight = robust_weights(self.loss, r.real**2 + r.imag**2)
@@ -289,7 +289,7 @@ class BlockTerm:
             predicted = predicted * gain
             rows *= gain[..., None, :]
             rows[..., len(space.names) :, :] = factors.T * predicted[..., None, :]
-        return predicted, whiten(block, rows)
+        return predicted, whiten(block.weighed(predicted), rows)
 
 
 _Number = TypeVar("_Number", bound=np.generic)

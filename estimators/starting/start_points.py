@@ -21,6 +21,7 @@ SHORT_FIT = "short fit"  # the best end of a few steps from several closed forms
 RANDOM = "random starts"  # the best end of a few steps from many typical rotors
 RATIONAL_FIT = "rational fit"  # poles and residues of a modal model
 SPECTRAL_LINES = "spectral lines"  # linear least squares, one kind of line after the other
+POLES = "poles"  # the best end of a few steps from rotors that have the poles of measured spectra
 GIVEN = "given"  # every value by the user
 EARLIER_FIT = "earlier fit"  # the optimum of a fit that this one varies
 

@@ -17,6 +17,7 @@ from rotorfit.estimators.misfit.problem import LOSS_SCALE, Problem
 from rotorfit.estimators.starting.closed_form import ClosedForm, ClosedFormError, closed_form, closed_forms
 from rotorfit.estimators.starting.many_starts import FEW_STARTS, best_beside, best_of_many
 from rotorfit.estimators.starting.modal_start import modal_start
+from rotorfit.estimators.starting.pole_starts import start_by_poles
 from rotorfit.estimators.starting.shaft_line_starts import has_lines, line_start, round_part, support_starts
 from rotorfit.estimators.starting.start_points import (
     CLOSED_FORM,
@@ -107,6 +108,8 @@ def _turned(problem: Problem, datum: float) -> Problem:
 def _guess(problem: Problem) -> Start:
     if has_lines(problem):
         return Start(x=line_start(problem), kind=SPECTRAL_LINES)
+    if not all(block.normal for block in problem.blocks):
+        return start_by_poles(problem, linear_starts(problem))
     as_if_round = round_part(problem)
     if as_if_round is None:
         return _linear_guess(problem) if are_linear_responses(problem) else _nonlinear_guess(problem)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,9 @@ from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE, set_speeds
 from rotorfit.estimators.noise.sweep_noise import noise_from_smoothness
 from rotorfit.estimators.signals.ratios import ratio_through
 from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.rows import Experiment
+
+Test = TypeVar("Test", bound=Experiment)
 
 OPPOSITE_TOLERANCE = np.radians(5.0)
 """Forces are opposite when their phases differ by 180 degrees to this angle. The difference of the two force vectors is
@@ -261,8 +264,8 @@ def _shared(values: NDArray[Any], b: PerturbationTest, name: str, position: Floa
     return np.array([x if x == y else f"{x} | {y}" for x, y in zip(values.tolist(), other.tolist(), strict=True)])
 
 
-def join(parts: list[PerturbationTest]) -> PerturbationTest:
-    """One test of the rows of several, whose attributes are the same."""
+def join(parts: Sequence[Test]) -> Test:
+    """One test of the rows of several of a kind, whose attributes are the same."""
     first = parts[0]
     names = first._columns()
     columns: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}

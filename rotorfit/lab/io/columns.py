@@ -18,9 +18,19 @@ from rotorfit.lab.kinds.coefficient_table import CoefficientTable
 from rotorfit.lab.kinds.displacement_test import DisplacementTest
 from rotorfit.lab.kinds.free_vibration import ImpulseTest, RingDownTest
 from rotorfit.lab.kinds.line_test import LineTest
+from rotorfit.lab.kinds.operating_test import OperatingTest
 from rotorfit.lab.kinds.static_test import StaticTest
 
-_KINDS = (PerturbationTest, DisplacementTest, StaticTest, ImpulseTest, RingDownTest, CoefficientTable, LineTest)
+_KINDS = (
+    PerturbationTest,
+    DisplacementTest,
+    StaticTest,
+    ImpulseTest,
+    RingDownTest,
+    CoefficientTable,
+    LineTest,
+    OperatingTest,
+)
 STORABLE: dict[str, type[Any]] = {kind.__name__: kind for kind in _KINDS}
 """Experiments that can be stored column by column, by the name that goes into the file."""
 

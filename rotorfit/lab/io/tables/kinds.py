@@ -23,13 +23,16 @@ from rotorfit.lab.kinds.coefficient_table import CoefficientTable
 from rotorfit.lab.kinds.displacement_test import DisplacementTest
 from rotorfit.lab.kinds.free_vibration import ImpulseTest, RingDownTest
 from rotorfit.lab.kinds.line_test import LineTest
+from rotorfit.lab.kinds.operating_test import OperatingTest
 from rotorfit.lab.kinds.static_test import StaticTest
 
 if TYPE_CHECKING:
     from rotorfit.lab.io.tables.table import Table
 
 _MORE = "; other units by suffix, further columns are attributes"
-_KINDS: tuple[type[Experiment], ...] = (DisplacementTest, RingDownTest, ImpulseTest, StaticTest, CoefficientTable)
+_KINDS: tuple[type[Experiment], ...] = (
+    DisplacementTest, RingDownTest, ImpulseTest, StaticTest, CoefficientTable, OperatingTest,
+)  # fmt: skip
 
 
 def _wanted(column: Column) -> list[Wanted]:

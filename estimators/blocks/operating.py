@@ -1,0 +1,476 @@
+"""Spectra of a rotor that turbulence shakes: cross-periodograms of ``u = [z(w); conj z(-w)]`` averaged over cells.
+
+The average P of a cell is complex Wishart with nu degrees of freedom about ``S = H S_f H^* + S_n`` (Whittle), with
+``-ln L = sum nu (ln det S + tr S^-1 P)``. A residual is ``sqrt(nu) L^-1 (S - P) L^-*`` with ``S = L L^*``, the m^2
+numbers of which have unit variance, and its derivative is taken at constant L. Then ``J^T r`` is the exact gradient of
+-ln L and ``J^T J`` its expected information, so that Gauss-Newton is Fisher scoring; the likelihood itself follows
+from r.
+
+Spectra of force and floor are nuisance of each setting of the machine. They are fitted inside, for every parameter
+vector: what a fit sees is the profile of the likelihood, and derivatives that allow for how they follow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from rotorfit.base.array_types import RANK_TOLERANCE, ComplexArray, Float, Index
+from rotorfit.estimators.blocks.observations import Observed, Responses
+from rotorfit.estimators.blocks.response import dynamic_stiffness, inverse, known_lines
+from rotorfit.estimators.blocks.row_keys import rows_by
+from rotorfit.models.motion.stability import eigenvalue_gradient, eigenvalues, growing
+
+KNOTS = 6
+"""Frequencies, evenly spread in their logarithm, between which the force's spectrum is a straight line. Chosen."""
+
+
+def packed(matrix: ComplexArray) -> ComplexArray:
+    """Hermitian matrices ``(..., C, m, m)`` of even m as complex readings ``(..., C m m/2)``: of a matrix of unit
+    variance every part of a reading has unit variance."""
+    m = matrix.shape[-1]
+    row, column = np.triu_indices(m, 1)
+    diagonal = np.einsum("...ii->...i", matrix).real
+    pairs = diagonal[..., : m // 2] + 1j * diagonal[..., m // 2 :]
+    every = np.concatenate([pairs, np.sqrt(2) * matrix[..., row, column]], axis=-1)
+    return np.asarray(every.reshape(*every.shape[:-2], -1))
+
+
+def unpacked(readings: ComplexArray, m: int) -> ComplexArray:
+    """The matrices again, shape ``(..., C, m, m)``."""
+    row, column = np.triu_indices(m, 1)
+    every = readings.reshape(*readings.shape[:-1], -1, m * m // 2)
+    matrix = np.zeros((*every.shape[:-1], m, m), dtype=complex)
+    at = np.arange(m)
+    matrix[..., at, at] = np.concatenate([every[..., : m // 2].real, every[..., : m // 2].imag], axis=-1)
+    beside = every[..., m // 2 :] / np.sqrt(2)
+    matrix[..., row, column] = beside
+    matrix[..., column, row] = beside.conj()
+    return matrix
+
+
+@dataclass(frozen=True)
+class ForceShape:
+    """How the spectrum of the force may depend on frequency, beside a level of each plane."""
+
+    slope: str = "white"  # white, power (one exponent), planes (one of each plane), knots
+    turning: bool = False  # whether force forward and backward differ by a factor
+
+    def __str__(self) -> str:
+        return f"{self.slope}{', forward and backward apart' if self.turning else ''}"
+
+
+SHAPES = tuple(
+    ForceShape(slope, turning) for slope in ("white", "power", "planes", "knots") for turning in (False, True)
+)
+"""Shapes that are tried, those of fewest numbers first."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Spectrum:
+    """A spectral matrix ``E L L^* E`` of n signals: ln E linear in the numbers, L unit lower triangular."""
+
+    basis: Float  # of ln E by the first numbers, shape ``(lines, n, k)``
+    below: tuple[tuple[int, int], ...]  # places of L whose real and imaginary parts are the numbers that follow
+    mirrored: np.ndarray  # lines at -w, of which the conjugate is meant, shape ``(lines,)``
+
+    @property
+    def size(self) -> int:
+        """Count of the numbers."""
+        return int(self.basis.shape[-1]) + 2 * len(self.below)
+
+    def values(self, numbers: Float) -> tuple[ComplexArray, ComplexArray]:
+        """The matrices ``(lines, n, n)`` and their derivatives ``(size, lines, n, n)``."""
+        k, n = self.basis.shape[-1], self.basis.shape[1]
+        level = np.exp(self.basis @ numbers[:k])
+        lower = np.eye(n, dtype=complex)
+        for number, (i, j) in enumerate(self.below):
+            lower[i, j] = complex(numbers[k + 2 * number], numbers[k + 2 * number + 1])
+        scale = level[:, :, None] * level[:, None, :]
+        whole = scale * (lower @ lower.conj().T)
+        slopes = np.empty((self.size, *whole.shape), dtype=complex)
+        along = np.moveaxis(self.basis, -1, 0)
+        slopes[:k] = (along[:, :, :, None] + along[:, :, None, :]) * whole
+        for number, (i, j) in enumerate(self.below):
+            for part, unit in enumerate((1.0, 1j)):
+                change = np.zeros((n, n), dtype=complex)
+                change[i] = unit * lower[:, j].conj()
+                slopes[k + 2 * number + part] = scale * (change + change.conj().T)
+        back = self.mirrored[:, None, None]
+        return np.where(back, whole.conj(), whole), np.where(back, slopes.conj(), slopes)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class OperatingSpectra(Observed):
+    """Averaged cross-periodograms of a rotor in operation, packed as :func:`packed` has them, in m^2/Hz."""
+
+    speed: Float  # of each cell, rad/s, shape ``(C,)``
+    frequency: Float  # its middle, rad/s, positive, shape ``(C,)``
+    degrees: Float  # degrees of freedom nu of each cell, shape ``(C,)``
+    group: Index  # parameter group of each cell, shape ``(C,)``
+    setting: Index  # cells of one number share the spectra of force and floor, shape ``(C,)``
+    coordinate: Index  # of the model, that were read, shape ``(n,)``
+    shape: ForceShape = ForceShape()
+    weight: ComplexArray | None = None  # inverse of L, by predictions, shape ``(..., C, m, m)``
+    found: dict[int, _Found] = field(default_factory=dict)  # spectra found last, where a search for them begins
+
+    @property
+    def m(self) -> int:
+        """Rows of a cell's matrix."""
+        return 2 * self.coordinate.size
+
+    @property
+    def reading_group(self) -> Index:
+        """Group of each reading."""
+        return np.repeat(self.group, self.m**2 // 2)
+
+    @property
+    def of_motion(self) -> bool:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return False
+
+    @property
+    def normal(self) -> bool:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return False
+
+    # ---- likelihood --------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def nu(self) -> Float:
+        """Degrees of freedom of each cell, fewer where the noise of its readings was widened."""
+        return np.asarray(self.degrees / self.sigma[:: self.m**2 // 2] ** 2)
+
+    def weighed(self, predicted: ComplexArray) -> OperatingSpectra:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`: by Cholesky's factor of predicted spectra."""
+        return replace(self, weight=inverse_root(unpacked(predicted, self.m)))
+
+    def unmixed(self, scaled: ComplexArray) -> ComplexArray:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        weight = inverse_root(unpacked(self.measured, self.m)) if self.weight is None else self.weight
+        if scaled.ndim > weight.ndim - 2 and weight.ndim > 3:  # rows of many vectors
+            weight = weight[..., None, :, :, :]
+        return self._whitened(unpacked(scaled, self.m), weight)
+
+    def _whitened(self, matrix: ComplexArray, weight: ComplexArray) -> ComplexArray:
+        return packed(np.sqrt(self.degrees)[:, None, None] * (weight @ matrix @ _adjoint(weight)))
+
+    def losses(self, residuals: ComplexArray) -> Float:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`: the deviance of a cell, less what chance adds to
+        it beyond its m^2 numbers, in equal parts."""
+        ratio = np.eye(self.m) - unpacked(residuals, self.m) / np.sqrt(self.nu)[:, None, None]
+        with np.errstate(all="ignore"):
+            sign, size = np.linalg.slogdet(ratio)
+            trace = np.einsum("...ii->...", ratio).real
+            cell = 2 * self.nu * np.where(sign.real > 0, trace - self.m - size, np.inf) - self._excess
+        share = self.m**2 // 2
+        return np.repeat(cell / share, share, axis=-1)
+
+    @cached_property
+    def _excess(self) -> Float:
+        """Mean deviance of a Wishart matrix about its own mean, less its m^2 numbers, of each cell."""
+        from scipy.special import digamma  # late: loading it takes longer than a fit
+
+        steps = self.nu[:, None] - np.arange(self.m)
+        return np.asarray(2 * self.nu * (self.m * np.log(self.nu) - digamma(steps).sum(axis=1)) - self.m**2)
+
+    @property
+    def cells(self) -> list[tuple[Index, Float, ComplexArray]]:
+        """Of each setting the numbers of its cells, their frequencies, Hz, and their matrices."""
+        matrix = unpacked(self.measured, self.m)
+        return [(own, self.frequency[own] / (2 * np.pi), matrix[own]) for own in self._cells]
+
+    # ---- predictions -------------------------------------------------------------------------------------------------
+
+    def predict(self, theta: Float) -> ComplexArray:
+        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`; NaN of rotors that are not stable."""
+        if theta.ndim > 2:
+            return np.array([self.predict(one) for one in theta])
+        return self._predicted(theta, slopes=False)[0]
+
+    def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
+        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict_jacobian`."""
+        if theta.ndim > 2:
+            some = [self.predict_jacobian(one) for one in theta]
+            return np.array([one for one, _ in some]), np.array([one for _, one in some])
+        return self._predicted(theta, slopes=True)
+
+    def stable(self, theta: Float) -> bool:
+        """True if a rotor is stable at every speed: it and its unstable mirror image have the same spectra."""
+        pairs = np.unique(self.group + 1j * self.speed)
+        with np.errstate(all="ignore"):
+            rates, _ = growing(self.model, theta[pairs.real.astype(np.intp)], pairs.imag.copy(), np.inf)
+        return bool((rates < 0).all())
+
+    def _predicted(self, theta: Float, *, slopes: bool) -> tuple[ComplexArray, ComplexArray]:
+        readings, count = self.measured.size, theta.shape[-1]
+        matrix = np.full((self.frequency.size, self.m, self.m), complex(np.nan))
+        by_theta = np.zeros((count if slopes else 0, *matrix.shape), dtype=complex)
+        if np.isfinite(theta).all() and self.stable(theta):
+            for number, cells in enumerate(self._cells):
+                lines = np.concatenate([cells, cells + self.frequency.size])
+                motion = self._motion(theta, slopes=slopes, lines=lines)
+                matrix[cells], by_theta[:, cells] = self._with_spectra(number, cells, theta, *motion)
+        rows = packed(by_theta) if slopes else np.zeros((0, readings), dtype=complex)
+        return packed(matrix), rows.T
+
+    @cached_property
+    def _cells(self) -> list[Index]:
+        """Cells of each setting."""
+        return rows_by(self.setting)
+
+    @cached_property
+    def _lines(self) -> Responses:
+        """All cells at +w, then at -w, as lines of responses."""
+        both = 2 * self.frequency.size
+        none = np.zeros(0, dtype=np.intp)
+        return Responses(
+            model=self.model,
+            measured=np.zeros(0, dtype=complex),
+            sigma=np.zeros(0),
+            label=none,
+            labels=(),
+            run=np.zeros(0, dtype=str),
+            speed=np.tile(self.speed, 2),
+            frequency=np.concatenate([self.frequency, -self.frequency]),
+            force=np.zeros((both, len(self.model.coordinates)), dtype=complex),
+            group=np.tile(self.group, 2),
+            line=none,
+            coordinate=none,
+        )
+
+    def _motion(
+        self, theta: Float, *, slopes: bool, lines: Index
+    ) -> tuple[ComplexArray, Sequence[tuple[int, ComplexArray]]]:
+        """Receptance of some lines ``(L, N, N)``, and terms of the derivative of the dynamic stiffness: parameters and
+        matrices ``(L, N, N)``."""
+        block = self._lines.lines(np.isin(np.arange(2 * self.frequency.size), lines))
+        H = inverse(dynamic_stiffness(block, theta))
+        if not slopes:
+            return H, ()
+        index, group, speed = block.condition
+        own = self.model.functions.jacobian(theta[group], speed)
+        values = np.broadcast_to(own.values, (speed.size, own.inputs.size))[index]
+        terms: dict[int, ComplexArray] = {}
+        for e in np.flatnonzero(own.inputs < theta.shape[-1]).tolist():
+            term = terms.setdefault(int(own.inputs[e]), np.zeros(H.shape, dtype=complex))
+            term[:, own.rows[e], own.columns[e]] += values[:, e] * block.s ** own.powers[e]
+        known = known_lines(block, theta)
+        if known is not None:
+            for place, slope in zip(known.inputs.tolist(), known.slopes, strict=True):
+                term = terms.setdefault(place, np.zeros(H.shape, dtype=complex))
+                term += np.moveaxis(slope, -1, 0)
+        return H, tuple(terms.items())
+
+    # ---- spectra of force and floor ----------------------------------------------------------------------------------
+
+    def _spectra(self, cells: Index) -> tuple[_Spectrum, _Spectrum]:
+        """Spectra of force and floor of a setting."""
+        w = np.tile(self.frequency[cells], 2)
+        back = np.repeat([False, True], cells.size)
+        forced, read = len(self.model.planes), self.coordinate.size
+        low, high = w.min(), w.max()
+        middle = np.log(w) - np.log(np.sqrt(low * high))
+        levels = np.broadcast_to(np.eye(forced), (w.size, forced, forced))
+        parts = [levels]
+        if self.shape.slope == "power":
+            parts.append(np.broadcast_to(-middle[:, None, None] / 2, (w.size, forced, 1)))
+        elif self.shape.slope == "planes":
+            parts.append(-middle[:, None, None] / 2 * levels)
+        elif self.shape.slope == "knots":
+            knots = np.linspace(np.log(low), np.log(high), KNOTS)
+            roofs = np.array([np.interp(np.log(w), knots, one) for one in np.eye(KNOTS)[1:]])
+            parts.append(np.broadcast_to(roofs.T[:, None, :], (w.size, forced, KNOTS - 1)))
+        if self.shape.turning:
+            sense = np.where(back, -0.25, 0.25)
+            parts.append(np.broadcast_to(sense[:, None, None], (w.size, forced, 1)))
+        own = np.broadcast_to(np.eye(read), (w.size, read, read))
+        # the floor's level is that at the top of the band, where it shows: its exponent then moves little else
+        slope = np.broadcast_to(-(np.log(w) - np.log(high))[:, None, None] / 2, (w.size, read, 1))
+        # forces that no probe tells apart are taken for independent
+        tied = tuple((i, j) for i in range(forced) for j in range(i)) if read >= forced else ()
+        floor = tuple((i, j) for i in range(read) for j in range(i))
+        return (
+            _Spectrum(basis=np.concatenate(parts, axis=-1), below=tied, mirrored=back),
+            _Spectrum(basis=np.concatenate([own, slope], axis=-1), below=floor, mirrored=back),
+        )
+
+    def _with_spectra(
+        self, number: int, cells: Index, theta: Float, H: ComplexArray, terms: Sequence[tuple[int, ComplexArray]]
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """Spectra of a setting with the force and the floor that fit best, and their derivatives by the parameters, to
+        which force and floor are fitted again."""
+        force, floor = self._spectra(cells)
+        forced = np.array([self.model.coordinate(plane, "z") for plane in self.model.planes])
+        read = H[:, self.coordinate][:, :, forced]
+        adjoint, n = _adjoint(read), self.coordinate.size
+        whole = unpacked(self.measured, self.m)[cells]
+        measured = np.concatenate([whole[:, :n, :n], whole[:, n:, n:].conj()])
+        nu = np.tile(self.nu[cells], 2)
+
+        def spectra(numbers: Float) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+            own, by_own = force.values(numbers[: force.size])
+            rest, by_rest = floor.values(numbers[force.size :])
+            return read @ own @ adjoint + rest, np.concatenate([read @ by_own @ adjoint, by_rest]), own
+
+        starts = [_first(measured, read, force, floor)]
+        if number in self.found:
+            starts.append(self.found[number].at(theta[self.group[cells[0]]]))
+        fitted = _scored(spectra, starts, measured, nu)
+        if fitted is None:
+            return np.full(whole.shape, complex(np.nan)), np.zeros((0, *whole.shape), dtype=complex)
+        S, by_numbers, own = spectra(fitted)
+        by_theta = np.zeros((theta.shape[-1] if terms else 0, *S.shape), dtype=complex)
+        follow = np.zeros((fitted.size, theta.shape[-1]))
+        if terms:
+            R = H[:, :, forced] @ own @ adjoint
+            for place, slope in terms:
+                change = -(H[:, self.coordinate] @ slope @ R)
+                by_theta[place] = change + _adjoint(change)
+            follow = _following(by_theta, by_numbers, inverse_root(S), nu)
+            by_theta -= np.tensordot(follow.T, by_numbers, 1)
+        self.found[number] = _Found(theta=theta[self.group[cells[0]]].copy(), numbers=fitted, follow=follow)
+        return _both_ways(S), _both_ways(by_theta)
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """Numbers of force and floor that were found at a parameter vector, and how they follow it."""
+
+    theta: Float
+    numbers: Float
+    follow: Float  # less what a unit of a parameter changes the numbers by, shape ``(K, P)``
+
+    def at(self, theta: Float) -> Float:
+        """What they are about at another vector."""
+        return np.asarray(self.numbers - np.clip(self.follow @ (theta - self.theta), -1.0, 1.0))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ModesSeen(Observed):
+    """Poles of a rotor in complex coordinates, each compared with the nearest eigenvalue of the model."""
+
+    speed: Float  # rad/s, shape ``(R,)``
+    reading_group: Index  # parameter group, shape ``(R,)``
+
+    @property
+    def of_motion(self) -> bool:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return False
+
+    def predict(self, theta: Float) -> ComplexArray:
+        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict`."""
+        found = eigenvalues(self.model, theta[..., self.reading_group, :], self.speed)
+        nearest = np.argmin(np.nan_to_num(np.abs(found - self.measured[:, None]), nan=np.inf), axis=-1)
+        return np.asarray(np.take_along_axis(found, nearest[..., None], axis=-1)[..., 0])
+
+    def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
+        """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict_jacobian`."""
+        s = self.predict(theta)
+        return s, eigenvalue_gradient(self.model, theta[..., self.reading_group, :], self.speed, s)[1]
+
+
+def inverse_root(matrix: ComplexArray) -> ComplexArray:
+    """Inverse of Cholesky's lower factor of matrices ``(..., m, m)``; NaN where there is none."""
+    if matrix.shape[-1] == 1:
+        return np.asarray(1 / np.sqrt(matrix.real) + 0j)
+    try:
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(matrix)))
+    except np.linalg.LinAlgError:
+        return np.full(matrix.shape, complex(np.nan))
+
+
+def _adjoint(matrix: ComplexArray) -> ComplexArray:
+    return np.conj(np.swapaxes(matrix, -1, -2))
+
+
+def _both_ways(lines: ComplexArray) -> ComplexArray:
+    """Matrices of lines at +w, then -w, ``(..., 2C, n, n)``, as those of ``[z(w); conj z(-w)]``."""
+    cells, n = lines.shape[-3] // 2, lines.shape[-1]
+    matrix = np.zeros((*lines.shape[:-3], cells, 2 * n, 2 * n), dtype=complex)
+    matrix[..., :n, :n] = lines[..., :cells, :, :]
+    matrix[..., n:, n:] = lines[..., cells:, :, :].conj()
+    return matrix
+
+
+def _first(measured: ComplexArray, read: ComplexArray, force: _Spectrum, floor: _Spectrum) -> Float:
+    """Levels of force and floor to begin with: white, by medians of powers and by the quietest frequencies."""
+    n = read.shape[1]
+    power = np.einsum("lii->li", measured).real
+    gain = np.sum(np.abs(read) ** 2, axis=(1, 2))
+    numbers = np.zeros(force.size + floor.size)
+    numbers[: read.shape[2]] = 0.5 * np.log(np.median(power.sum(axis=1) / gain))
+    quiet = 0.1  # share of the lines that show little else than the floor
+    numbers[force.size : force.size + n] = 0.5 * np.log(np.quantile(power, quiet, axis=0) / 2)
+    return numbers
+
+
+def _scored(
+    spectra: Callable[[Float], tuple[ComplexArray, ComplexArray, ComplexArray]],
+    starts: Sequence[Float],
+    measured: ComplexArray,
+    nu: Float,
+) -> Float | None:
+    """Numbers of greatest likelihood, by Fisher scoring from the better of some starts; None where none gives any."""
+    m = measured.shape[-1]
+    scale = np.sqrt(nu)[:, None, None]
+
+    def at(some: Float) -> tuple[float, Float, Float]:
+        S, slopes, _ = spectra(some)
+        weight = inverse_root(S)
+        rows = _parts(scale * (weight @ slopes @ _adjoint(weight)))
+        inside = weight @ measured @ _adjoint(weight)
+        size = np.linalg.slogdet(inside)[1]
+        cost = float(nu @ (np.einsum("lii->l", inside).real - m - size))
+        return cost, rows @ _parts(scale * (np.eye(m) - inside)), rows @ rows.T
+
+    damping, enough = 0.0, 1e9
+    roughly, closely, settled = 1e-8, 1e-12, 1e-22  # promised gains over the cost: far from the data few digits will do
+    with np.errstate(all="ignore"):
+        there = [(at(start), start) for start in starts]
+        (cost, slope, matrix), numbers = min(there, key=lambda pair: np.nan_to_num(pair[0][0], nan=np.inf))
+        if not np.isfinite(cost + slope.sum() + matrix.sum()):
+            return None
+        before = np.inf
+        for _ in range(100):
+            diagonal = np.maximum(np.diag(matrix), 1e-9 * np.diag(matrix).max())
+            step = -np.linalg.solve(matrix + np.diag((damping + RANK_TOLERANCE) * diagonal), slope)
+            gain, unit = -float(slope @ step), max(cost, 1.0)
+            far = cost > 2 * measured.size
+            close = not damping and gain < closely * unit  # the cost has no more digits, the slope has
+            if gain < (roughly if far else settled) * unit or damping > enough or (close and gain >= before):
+                break
+            before = gain if close else np.inf
+            step = np.clip(step, -3.0, 3.0)
+            trial = numbers + step
+            new = at(trial)
+            down, up = -float(slope @ step), float(new[1] @ step)
+            if up > down / 4:  # too far, where the data curve the likelihood more than they are expected to
+                trial = numbers + step * (down / (down + up))
+                new = at(trial)
+            if close or (np.isfinite(new[0]) and new[0] <= cost):
+                numbers, (cost, slope, matrix) = trial, new
+                damping = damping / 10 if damping > 1e-6 else 0.0
+            else:
+                damping = max(10 * damping, 1e-4)
+    return numbers
+
+
+def _following(by_theta: ComplexArray, by_numbers: ComplexArray, weight: ComplexArray, nu: Float) -> Float:
+    """What numbers of force and floor, fitted again, fall by a unit of each parameter, shape ``(K, P)``."""
+    scale = np.sqrt(nu)[:, None, None]
+    own, theirs = (_parts(scale * (weight @ some @ _adjoint(weight))) for some in (by_theta, by_numbers))
+    size = np.linalg.norm(theirs, axis=1)
+    size = np.where(size > 0, size, 1.0)
+    unit = theirs / size[:, None]
+    inverse_of_unit = np.linalg.pinv(unit @ unit.T, rcond=RANK_TOLERANCE, hermitian=True)
+    return np.asarray(inverse_of_unit @ (unit @ own.T) / size[:, None])
+
+
+def _parts(matrix: ComplexArray) -> Float:
+    """Both parts of all entries of matrices ``(..., L, m, m)``, ``(..., 2 L m m)``: products of Hermitian ones are
+    traces."""
+    return np.ascontiguousarray(matrix).view(float).reshape(*matrix.shape[:-3], -1)

@@ -1,0 +1,89 @@
+"""The rotor identified from its own vibration, without an exciter: truth, gradient, files, refusals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sentences import refuses
+from turbulence import ONE_MODE, recorded, written
+
+import rotorfit as rf
+from rotorfit.identify.fitting.headline import decrement_of
+from rotorfit.identify.fitting.problem_setup import build_problem
+from rotorfit.identify.fitting.settings import FitSettings
+from rotorfit.models.motion.stability import eigenvalues, threshold_speed
+
+MODEL = rf.models.OneMode()
+KNOWN = {"M": 1.0, "K": 7000.0, "Ds": 5.0}
+
+
+@pytest.fixture(scope="module")
+def test() -> rf.OperatingTest:
+    return recorded(MODEL, ONE_MODE, np.array([200.0]), minutes=10, seed=1)
+
+
+def test_one_speed_without_force_tells_threshold_and_decrement(test: rf.OperatingTest) -> None:
+    fit = rf.fit(MODEL, test, known=KNOWN, causes=None)
+    assert fit.success
+    assert abs(fit.redchi - 1) < 5 * np.sqrt(2 / fit.nfree)
+    theta = MODEL.vector(ONE_MODE)
+    threshold, true = fit.threshold_speed(), threshold_speed(MODEL, theta)
+    assert true is not None
+    assert abs(threshold.value - true.speed) < 3 * threshold.stderr
+    assert threshold.stderr < 0.02 * true.speed
+    s = eigenvalues(MODEL, theta, 200.0)[-1]
+    mode = max(fit.modes(speed=200.0), key=lambda mode: mode.frequency.value)
+    decrement = decrement_of(mode.damping_ratio)
+    assert abs(decrement.value + 2 * np.pi * s.real / s.imag) < 3 * decrement.stderr
+    # a lone mode without floor has 1 over the root of decrement times cycles
+    cycles = s.imag / (2 * np.pi) * 600
+    assert 0.9 < decrement.stderr / decrement.value * np.sqrt(decrement.value * cycles) < 1.6
+
+
+def test_gradient_of_the_profile_is_that_of_differences(test: rf.OperatingTest) -> None:
+    problem = build_problem(MODEL, test, FitSettings(known=KNOWN, causes=None))
+    x = 1.02 * np.array([ONE_MODE[name] for name in problem.space.names])
+    gradient = problem.gauss_newton(x)[1]
+    steps = np.diag(1e-5 * x)
+    differences = [(problem.cost(x + step) - problem.cost(x - step)) / 2 / step.sum() for step in steps]
+    np.testing.assert_allclose(gradient, differences, rtol=1e-5, atol=1e-6 * np.abs(gradient * x).max() / x.min())
+
+
+def test_a_rotor_that_is_not_stable_has_no_spectra(test: rf.OperatingTest) -> None:
+    problem = build_problem(MODEL, test, FitSettings(known=KNOWN, causes=None))
+    mirror = np.array([ONE_MODE[name] for name in problem.space.names])
+    mirror[problem.space.names.index("lam")] = 0.6  # beyond its threshold at this speed
+    assert not np.isfinite(problem.cost(mirror))
+
+
+def test_it_is_written_and_read(test: rf.OperatingTest, tmp_path: Path) -> None:
+    few = test.select(np.arange(60))
+    for name in ("test.csv", "test.nc"):
+        rf.write(few, tmp_path / name)
+        again = rf.read(tmp_path / name)
+        assert isinstance(again, rf.OperatingTest)
+        np.testing.assert_allclose(again.power, few.power, rtol=1e-9)
+        np.testing.assert_allclose(again.freedom, few.freedom, rtol=1e-9)
+
+
+def test_recordings_become_spectra_without_orders_and_hum(tmp_path: Path) -> None:
+    findings: list[rf.Finding] = []
+    record = written(tmp_path / "run.h5", minutes=1.5, hum=50.0)
+    test = rf.operating_spectra(rf.read_recording(record), on_finding=findings.append)
+    assert any(finding.code == "foreign-lines" and "50.0" in finding.message for finding in findings)
+    fit = rf.fit(MODEL, test, known=KNOWN, causes=None)
+    assert fit.redchi < 1.25
+    assert abs(fit.params["lam"].value - ONE_MODE["lam"]) < 4 * fit.params["lam"].stderr
+
+
+def test_what_tells_no_operating_spectra_is_refused(tmp_path: Path) -> None:
+    with refuses(ValueError):
+        rf.operating_spectra(rf.read_recording(written(tmp_path / "one.h5", minutes=0.5, probes="X")))
+    with refuses(ValueError):
+        rf.operating_spectra(rf.read_recording(written(tmp_path / "quick.h5", minutes=0.5, acceleration=0.5)))
+    with refuses(ValueError):
+        rf.operating_spectra(rf.read_recording(written(tmp_path / "quiet.h5", minutes=0.5, force=1e-9)))
+    with refuses(ValueError):
+        rf.operating_spectra(rf.read_recording(written(tmp_path / "mark.h5", minutes=0.5, mark=False)))
