@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.digits import significant
-from rotorfit.base.executors import carry_out, executor_of
+from rotorfit.base.executors import carry_out
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.signals.cells import Cells, averaged, half_width, outstanding, periodogram, smoothed
 from rotorfit.lab.data.findings import Finding, listed
@@ -19,7 +20,6 @@ from rotorfit.lab.data.synchronous import join
 from rotorfit.lab.kinds.operating_test import OperatingTest, operating_test
 from rotorfit.lab.recordings.recording import Recording, named_apart
 from rotorfit.lab.recordings.reduction.reduced_record import HIGHEST_ORDER, ReducedRate, ReducedRecord, motion_at
-from rotorfit.lab.recordings.reduction.response_lines import Report
 from rotorfit.lab.recordings.reduction.static_positions import STEADY_SPEED_RANGE
 from rotorfit.lab.recordings.signals import source_of
 
@@ -49,7 +49,6 @@ def operating_spectra(
     band_hz: tuple[float, float] | None = None,
     width_hz: float | None = None,
     executor: Executor | None = None,
-    on_finding: Report | None = None,
 ) -> OperatingTest:
     """Spectra of a machine in operation that turbulence shakes, for fits: no exciter is needed.
 
@@ -62,24 +61,24 @@ def operating_spectra(
         band_hz: lowest and highest frequency, in place of those derived.
         width_hz: width of a cell, in place of that derived; much below the half width of the sharpest mode.
         executor: reduces recordings beside each other, see :func:`rotorfit.responses`.
-        on_finding: called with what was derived and what was found odd.
+
+    Returns:
+        the test; its ``findings`` say what was derived and what was odd.
 
     Raises:
         ValueError: a recording without Keyphasor, whose speed changes, without a plane of two good probes, too short,
             or so quiet that the floor hides the rotor.
     """
     listed_records = named_apart(records)
-    report = on_finding or (lambda finding: None)
-    seen = carry_out(partial(_cells, band=band_hz, width=width_hz), listed_records, executor_of(executor, None))
+    seen = carry_out(partial(_cells, band=band_hz, width=width_hz), listed_records, executor)
     source = source_of(listed_records)
     names = set.intersection(*(set(one.record.attributes) for one in seen))
     tests = []
     for one in seen:
-        for finding in one.findings:
-            report(finding)
         attributes = {name: value for name, value in one.record.attributes.items() if name in names}
         tests.append(operating_test(one.record.name, one.speed, one.planes, one.cells, attributes, source))
-    return join(tests)
+    findings = tuple(finding for one in seen for finding in one.findings)
+    return replace(join(tests), findings=findings)
 
 
 def _cells(record: Recording, *, band: tuple[float, float] | None, width: float | None) -> _Seen:
@@ -116,7 +115,7 @@ def _cells(record: Recording, *, band: tuple[float, float] | None, width: float 
         f"{significant(high, 3)} Hz, {significant(float(np.median(cells.freedom)), 3)} degrees of freedom each."
     )
     found.append(Finding("note", "cells", text))
-    return _Seen(record, speed, planes, cells, tuple(found))
+    return _Seen(record, speed, planes, cells, (*record.findings, *found))
 
 
 def _good_planes(record: Recording, found: list[Finding]) -> tuple[str, ...]:
