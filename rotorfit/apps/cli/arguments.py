@@ -113,6 +113,7 @@ def add_selection(to: argparse._ActionsContainer) -> None:
     rows = "readings by run, speed_rpm, frequency_hz, plane or a column of the file: a value or a range LO:HI"
     option(to, "--where NAME=VALUE ...", f"keep only {rows}; repeat it for a further value")
     option(to, "--exclude NAME=VALUE ...", f"leave out {rows}")
+    option(to, "--stator PLANE=KG", "plane of accelerometers on a floating stator, its mass: forces are F - M a")
 
 
 def add_setup(to: argparse._ActionsContainer) -> None:
@@ -271,6 +272,8 @@ def _named(option: str, words: Sequence[str]) -> dict[str, str]:
 def selection(options: argparse.Namespace) -> dict[str, Any]:
     """Readings that were chosen, as options of reading."""
     found = {"where": _chosen("--where", options.where), "exclude": _chosen("--exclude", options.exclude)}
+    if options.stator:
+        found["stator"] = pairs("--stator", [options.stator], float)
     return {name: values for name, values in found.items() if values}
 
 

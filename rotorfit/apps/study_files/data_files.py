@@ -14,6 +14,7 @@ from rotorfit.base.executors import carry_out
 from rotorfit.lab.data.findings import DataWarning, Finding, errors_first
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.selection import Wanted, selected, without
+from rotorfit.lab.data.stator import without_stator
 from rotorfit.lab.io.files import read
 
 if TYPE_CHECKING:
@@ -67,6 +68,7 @@ class RecordingFiles:
     windows: int | None = None  # track by windows of so many whole turns, see ``turns`` of :func:`rotorfit.responses`
     where: Mapping[str, Wanted] = field(default_factory=dict)  # vectors to keep, see :func:`rotorfit.read`
     exclude: Mapping[str, Wanted] = field(default_factory=dict)  # vectors to leave out
+    stator: Mapping[str, float] = field(default_factory=dict)  # see :func:`rotorfit.read`
     lines: bool = False  # reduce them to the combination lines of a shaft that is not round
     runout_um: float | None = None  # see :func:`rotorfit.shaft_lines`
     skip: tuple[int, ...] = ()  # numbers of vectors to leave out, counted from 1 through all tests that come of them
@@ -101,7 +103,8 @@ class RecordingFiles:
 
     def _chosen(self, tests: tuple[Experiment, ...]) -> tuple[Experiment, ...]:
         """The vectors that are wanted."""
-        return _without(tuple(selected(test, where=self.where, exclude=self.exclude) for test in tests), self.skip)
+        kept = (selected(test, where=self.where, exclude=self.exclude) for test in tests)
+        return _without(tuple(without_stator(test, self.stator) for test in kept), self.skip)
 
 
 def _without(tests: tuple[Experiment, ...], numbers: Sequence[int]) -> tuple[Experiment, ...]:

@@ -169,6 +169,7 @@ _READ_KEYS: dict[str, tuple[str, Parser]] = {
     "where": ("where", _selection),
     "exclude": ("exclude", _selection),
     "drop_near_1x": ("drop_near_1x", number),
+    "stator": ("stator", table(number)),
     "skip": ("skip", _numbers),
 }
 """Keys beside ``path`` in a file's table: option of :func:`rotorfit.read`, and what its value must be."""
@@ -195,6 +196,7 @@ _RECORDED_KEYS: dict[str, tuple[str, Parser]] = {
     "windows": ("windows", count),
     "where": ("where", _selection),
     "exclude": ("exclude", _selection),
+    "stator": ("stator", table(number)),
     "skip": ("skip", _numbers),
 }
 """Keys of a table of recordings: field of :class:`RecordingFiles`, and what its value must be."""

@@ -51,6 +51,7 @@ def predict(
         raise ValueError(f"level is {level!r}; a band has a probability between 0 and 1")
     frequency = in_rad_s("frequency", frequency, needed=False, rpm=frequency_rpm, hz=frequency_hz)
     speed = in_rad_s("speed", speed, rpm=speed_rpm)
+    check_rotor(fit)
     model, group = fit.model, fit.group(at)
     test = _planned(fit, frequency, speed, force_plane, force, mr, plane, direction)
     _refuse_unstable(fit, group, np.unique(test.speed))
@@ -205,6 +206,16 @@ def _planned(
         sigma=np.ones(w.shape),
         source="prediction",
     )
+
+
+def check_rotor(fit: FitResult) -> None:
+    """Refuse what a fit without its rig, a seal or bearing by itself, cannot tell."""
+    if fit.settings.baseline is not None or fit.settings.stator_mass_kg is not None:
+        raise ValueError(
+            f"the rig was taken out of this fit (baseline=, stator_mass_kg=): {fit.model.name} is the force of the "
+            "seal or bearing alone, which moves nothing by itself. Put its coefficients into a rotor: fit.to_ross(), "
+            "coefficients.csv"
+        )
 
 
 def check_forced(model: RotorModel, plane: str) -> None:

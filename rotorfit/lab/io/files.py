@@ -28,6 +28,7 @@ from rotorfit.lab.data.probes import (
 )
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.selection import Wanted, selected, without
+from rotorfit.lab.data.stator import without_stator
 from rotorfit.lab.data.synchronous import uneven_weights
 from rotorfit.lab.data.weights import difference_unless_solved
 from rotorfit.lab.io.other_formats import unread_suffix
@@ -67,6 +68,7 @@ class ReadKeywords(TypedDict, total=False):
     where: Mapping[str, Wanted] | None
     exclude: Mapping[str, Wanted] | None
     drop_near_1x: float
+    stator: Mapping[str, float] | None
     skip: Sequence[int]
     on_lines: Callable[[Index], None] | None
     progress: Callable[[float], None] | None
@@ -91,6 +93,7 @@ def read(
     where: Mapping[str, Wanted] | None = None,
     exclude: Mapping[str, Wanted] | None = None,
     drop_near_1x: float = 0.0,
+    stator: Mapping[str, float] | None = None,
     skip: Sequence[int] = (),
     on_lines: Callable[[Index], None] | None = None,
     progress: Callable[[float], None] | None = None,
@@ -123,6 +126,8 @@ def read(
         constants: columns that a table does not have, with one value throughout, ``{"force_plane": "journal"}``.
         axes: which directions of a universal file are x and y; ``"yz"`` for a shaft along its x axis.
         where, exclude, drop_near_1x: readings to keep, :func:`rotorfit.lab.data.selection.selected`.
+        stator: plane of accelerometers on a floating stator and its mass, kg, ``{"housing": 13.6}``: forces become
+            F - M a.
         skip: numbers of readings to leave out, counted from 1 in the test as it is read without this option.
         on_lines: called with the line of the file, or row of the sheet, of each reading of a table, shape ``(R,)``,
             before readings are chosen by ``where`` and the like.
@@ -174,7 +179,8 @@ def read(
                 )
                 apart = replace(apart, findings=(*apart.findings, Finding("warning", "uneven-weights", words)))
             test = apart
-    elif given := [name for name, value in corrections.items() if value is not None]:
+        test = without_stator(test, stator)
+    elif given := [name for name, value in {**corrections, "stator": stator}.items() if value is not None]:
         raise ValueError(f"{', '.join(given)} correct probe readings; {test.source} is a {type(test).__name__}")
     warn_of(test.findings)
     found = without(test, skip)

@@ -17,7 +17,7 @@ from rotorfit.base.units import RPM_PER_RAD_S, in_rad_s
 from rotorfit.estimators.inference.identifiability import UNSEEN_CHANGE
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.uncertainty.derived import DERIVED_DRAWS, SHAFT_DRAWS
-from rotorfit.identify.uncertainty.predict import check_forced, check_read, extrapolation
+from rotorfit.identify.uncertainty.predict import check_forced, check_read, check_rotor, extrapolation
 from rotorfit.identify.uncertainty.stability.record import Criterion, StabilityReport
 from rotorfit.identify.uncertainty.stability.rotors import Rotors, drawn_rotors, has_planes, rotors_of, unseen_rotors
 from rotorfit.identify.uncertainty.stability.task import Limits, Question, Task
@@ -50,6 +50,7 @@ def stability_report(
     for name, limit in limits._asdict().items():
         if limit is not None and not (isinstance(limit, Real) and 0 < float(limit) < math.inf):
             raise ValueError(f"{name} is {limit!r}; a limit is a positive, finite number")
+    check_rotor(fit)
     group = fit.group(at)
     lowest = in_rad_s("min_speed", min_speed, needed=False, rpm=min_speed_rpm)
     highest = in_rad_s("max_speed", max_speed, needed=False, rpm=max_speed_rpm)

@@ -21,6 +21,7 @@ from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.findings import PHASE_DATUM, Finding, listed, warn_of
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.selection import Wanted, selected
+from rotorfit.lab.data.stator import without_stator
 from rotorfit.lab.data.synchronous import join
 from rotorfit.lab.data.weights import difference_unless_solved
 from rotorfit.lab.recordings.quality import copied_recordings, probe_findings, spoiled
@@ -44,6 +45,7 @@ def responses(
     *,
     turns: int | None = None,
     where: Mapping[str, Wanted] | None = None,
+    stator: Mapping[str, float] | None = None,
     executor: Executor | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> PerturbationTest:
@@ -62,6 +64,7 @@ def responses(
         turns: track by windows of so many whole turns of the drive instead; for slow sweeps and rotors that are not
             linear. A sweep makes such vectors lag behind.
         where: responses to keep, ``{"frequency_hz": (60, 240)}``, as of :func:`rotorfit.read`.
+        stator: plane of accelerometers on a floating stator and its mass, as of :func:`rotorfit.read`.
         executor: any ``concurrent.futures`` executor, also Dask's ``client.get_executor(pure=False)``, that reduces
             recordings beside each other; by default one after the other in this process. What a lost worker had is done
             again.
@@ -84,7 +87,7 @@ def responses(
     """
     test = checked_responses(named_apart(records), turns=turns, executor=executor, progress=progress)
     warn_of(found for found in test.findings if found.severity == "error")
-    found = selected(test, where=where)
+    found = without_stator(selected(test, where=where), stator)
     _LOG.info("reduced %r", found)
     return found
 
