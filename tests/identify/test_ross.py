@@ -404,6 +404,17 @@ def test_a_rotor_with_the_fitted_element_is_the_fitted_rotor(ross, rotor, fit, t
             mine = fit.model.receptance(fit.theta(), frequency, speeds[2])
             np.testing.assert_allclose(directional(H), mine, rtol=1e-8)
 
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        put = fit.to_ross_rotor(rotor, speeds)
+    H = put.transfer_matrix(speed=speeds[2], frequency=250.0)[np.ix_(at, at)]
+    np.testing.assert_allclose(directional(H), fit.model.receptance(fit.theta(), 250.0, speeds[2]), rtol=1e-8)
+    assert len(put.bearing_elements) == len(rotor.bearing_elements)  # the oil film in place of the rotor's own
+    with refuses(TypeError):
+        fit.to_ross_rotor("rotor.toml", speeds)
+    with refuses(ValueError):
+        fit.to_ross_rotor(rotor, speeds, nodes={"oil": 99})
+
     def growth(speed):
         s = np.linalg.eigvals(whole.A(speed=speed, frequency=speed))
         return s[np.abs(s.imag) < 5 * onset].real[np.abs(s[np.abs(s.imag) < 5 * onset]) > 1.0].max()
@@ -530,6 +541,14 @@ def test_one_table_over_the_speeds_that_were_fitted_one_by_one(by_speed_and_pres
 
 def test_a_table_of_several_conditions_of_a_speed_asks_for_one(by_speed_and_pressure):
     both, one = by_speed_and_pressure
+    several = both.to_ross(at=[{"P_bar": 15}, {"P_bar": 30}], version="3.1", nodes={"stator": 0})
+    assert list(several) == ["stator P_bar=15", "stator P_bar=30"]
+    assert [found.arguments["tag"] for found in several.values()] == list(several)
+    low, high = (np.array(found.arguments["kxy"]) for found in several.values())
+    np.testing.assert_allclose(low, 0.5 * high, rtol=1e-6)
+    frame = both.coefficient_table().for_ross()
+    assert frame["speed"].tolist() == pytest.approx(np.tile([1500.0, 3000.0, 4500.0], 2) * np.pi / 30)
+    assert frame["kxy"].tolist() == pytest.approx([*low, *high])
     with refuses(ValueError):
         both.to_ross(version="3.1", nodes={"stator": 0})
     with refuses(ValueError):

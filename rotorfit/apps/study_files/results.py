@@ -23,7 +23,7 @@ from rotorfit.identify.fitting.structure.coefficients import measured_by_frequen
 from rotorfit.identify.fitting.structure.law_ranking import LawComparison
 from rotorfit.identify.fitting.structure.modes import own_modes
 from rotorfit.identify.uncertainty.predict import rotor_changes
-from rotorfit.lab.io.tables.result_tables import records_csv, rows_csv
+from rotorfit.lab.io.tables.result_tables import frame_csv, records_csv, rows_csv
 from rotorfit.show.report.material import FigureFormat
 
 
@@ -52,7 +52,9 @@ def write_outcome(
     if outcome.ranking is not None:
         (folder / "law_comparison.csv").write_text(records_csv(_law_rows(outcome.ranking)), encoding="utf-8")
     if of_a_rig(best):
-        best.coefficient_table().to_csv(folder / "coefficients.csv")
+        table = best.coefficient_table()
+        table.to_csv(folder / "coefficients.csv")
+        (folder / "coefficients_ross.csv").write_text(frame_csv(table.for_ross()), encoding="utf-8")
         if _of_frequency(best):
             best.frequency_coefficients().to_csv(folder / "frequency_coefficients.csv")
     modes = own_modes(best)

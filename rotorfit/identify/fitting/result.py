@@ -737,7 +737,7 @@ class FitResult:
         version: str | int | None = None,
         nodes: Mapping[str, int] | None = None,
         element: ElementKind = "bearing",
-        at: Mapping[str, Any] | None = None,
+        at: Mapping[str, Any] | Sequence[Mapping[str, Any]] | None = None,
         eccentricity: float = 0.0,
     ) -> dict[str, RossElement]:
         """Bearings or seals for the ROSS package: the fitted fluid, and what else was fitted at a known shaft's planes.
@@ -753,7 +753,8 @@ class FitResult:
                 ``frequency`` up to 2.x and ``speed`` from 3.0 on, and each line takes the other's for something else.
             nodes: node of the ROSS rotor at each plane, for models that do not know it.
             element: "bearing" or "seal".
-            at: names a group of parameters, as for :meth:`group`, or one at each speed: ``{"P_bar": 30}``.
+            at: names a group of parameters, as for :meth:`group`, or one at each speed: ``{"P_bar": 30}``; a list of
+                several makes an element of each, called ``stator P_bar=30``.
             eccentricity: orbit radius over clearance, for models with a law.
 
         Returns:
@@ -770,11 +771,18 @@ class FitResult:
         from rotorfit.identify.fitting.structure.coefficients import groups_by_speed
         from rotorfit.lab.io.shafts.ross_elements import elements_of_speeds, ross_elements
 
+        given: dict[str, Any] = {"version": version, "nodes": nodes, "element": element, "eccentricity": eccentricity}
+        if not (at is None or isinstance(at, Mapping)):
+            return {
+                f"{plane} {condition}": made.named(f"{plane} {condition}")
+                for one in at
+                for condition in [", ".join(f"{name}={value}" for name, value in one.items())]
+                for plane, made in self.to_ross(speeds, speed_rpm=speed_rpm, at=one, **given).items()
+            }
         groups = groups_by_speed(self, at)
         if groups and speeds is None and speed_rpm is None:
             speeds = list(groups)
         rows = np.asarray(in_rad_s("speed", speeds, rpm=speed_rpm), dtype=float)
-        given: dict[str, Any] = {"version": version, "nodes": nodes, "element": element, "eccentricity": eccentricity}
         if groups:
             return elements_of_speeds(self.model, lambda v: theta_at(self, groups[v], v), rows, list(groups), **given)
         group = self.group(at)
@@ -787,6 +795,25 @@ class FitResult:
             rows,
             **given,
         )
+
+    def to_ross_rotor(self, rotor: Any, speeds: ArrayLike | None = None, **options: Any) -> Any:
+        """A rotor of ROSS with the fitted bearings or seals in it, in place of elements tagged by their planes' names.
+
+        Args:
+            rotor: ``ross.Rotor(...)``; it stays as it is.
+            speeds: see :meth:`to_ross`.
+            **options: of :meth:`to_ross`, such as ``nodes={"stator": 14}``.
+
+        Raises:
+            TypeError: something that is no rotor.
+            ValueError: a node that the rotor does not have, and as for :meth:`to_ross`.
+
+        Example:
+            >>> whole = fit.to_ross_rotor(ross_rotor, np.linspace(0, 400, 9), nodes={"journal": 4})  # doctest: +SKIP
+        """
+        from rotorfit.lab.io.shafts.ross_elements import put_into
+
+        return put_into(rotor, self.to_ross(speeds, **options))
 
     # ---- posterior, imported when asked for --------------------------------------------------------------------------
 

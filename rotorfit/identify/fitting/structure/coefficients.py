@@ -174,6 +174,15 @@ class CoefficientRows(Tabled, Tabulated):
             table.append(columns)
         return DataFrame(table)
 
+    def for_ross(self) -> DataFrame:
+        """The table as ROSS calls its columns, for ``BearingElement(n=..., kxx=...)`` or, in a sheet of Excel, for
+        ``BearingElement.from_table``: ``speed`` in rad/s, ``kxx`` to ``myy`` in SI units, the condition of each row."""
+        from pandas import DataFrame
+
+        entries = {name.lower(): [row[name].value for row in self.rows] for name in COEFFICIENTS}
+        own = {"speed": [row.speed for row in self.rows], **entries, "condition": [row.condition for row in self.rows]}
+        return DataFrame({**own, "plane": [row.plane for row in self.rows]})
+
     def by_condition(self, conditions: Sequence[str]) -> list[str]:
         """Stiffness, damping and inertia, a line a condition, and the whirl frequency ratio where there is most room.
 

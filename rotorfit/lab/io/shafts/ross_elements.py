@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -55,6 +55,10 @@ class RossElement:
             )
         return getattr(imported_ross(), self.kind)(**self.arguments)
 
+    def named(self, tag: str) -> RossElement:
+        """The same with another tag."""
+        return replace(self, arguments={**self.arguments, "tag": tag})
+
     def save(self, path: str | Path) -> None:
         """Write the element as ROSS's own ``element.save`` does; ``ross.BearingElement.load(path)`` reads it."""
         path = Path(path)
@@ -79,6 +83,27 @@ class RossElement:
             f"{significant(self.between, 1)}. Not for ROSS {other}, which reads the table as something else"
         )
         return f"{self.kind} {self.arguments['tag']} at node {self.arguments['n']}, for ROSS {self.line}.x: {table}"
+
+
+def put_into(rotor: Any, elements: Mapping[str, RossElement]) -> Any:
+    """A rotor of ROSS with elements in place of those of their tags, see
+    :meth:`rotorfit.identify.fitting.result.FitResult.to_ross_rotor`."""
+    if not hasattr(rotor, "bearing_elements"):
+        raise TypeError(f"rotor must be a rotor of ROSS, ross.Rotor(...), not {type(rotor).__name__}")
+    last = max(int(node) for node in rotor.nodes)
+    for plane, element in elements.items():
+        if not 0 <= element.arguments["n"] <= last:
+            raise ValueError(f"{plane} is at node {element.arguments['n']}, the rotor has nodes 0 to {last} (nodes=)")
+    built = [element.build() for element in elements.values()]
+    kept = [element for element in rotor.bearing_elements if element.tag not in elements]
+    return type(rotor)(
+        rotor.shaft_elements,
+        rotor.disk_elements,
+        [*kept, *built],
+        getattr(rotor, "point_mass_elements", None),
+        **getattr(rotor, "parameters", {}),
+        tag=rotor.tag,
+    )
 
 
 def ross_elements(
