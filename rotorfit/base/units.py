@@ -6,11 +6,15 @@ Everything inside rotorfit is SI with 0-peak amplitudes; only readers, writers a
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from rotorfit.base.digits import significant
 from rotorfit.base.names import unknown_name
 
 RAD_S_PER_RPM = math.pi / 30
@@ -51,6 +55,42 @@ UNITS: dict[str, dict[str, float]] = {
 }
 """Factor to SI (rad/s, m, rad, N, kg m; amplitudes 0-peak, phases lead) by quantity and unit, units in lower case
 but for those that only their case tells apart."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """Units of frequencies and amplitudes in figures and tables, by their names in column names."""
+
+    rate: str = "rpm"
+    length: str = "um"
+
+    @property
+    def rate_name(self) -> str:
+        """Unit of frequencies, as it is written."""
+        return {"hz": "Hz", "rad_s": "rad/s"}.get(self.rate, self.rate)
+
+    def rates(self, low: float, high: float) -> str:
+        """A range of frequencies given in rad/s."""
+        ends = (significant(end / UNITS["frequency"][self.rate], 5) for end in (low, high))
+        return f"{' to '.join(ends)} {self.rate_name}"
+
+
+_shown: ContextVar[Shown] = ContextVar("shown", default=Shown())  # noqa: B039  (frozen)
+
+
+def shown_units() -> Shown:
+    """Units in which frequencies and amplitudes are shown here."""
+    return _shown.get()
+
+
+@contextmanager
+def shown_in(units: Shown) -> Iterator[None]:
+    """Figures and tables in some units, within the block."""
+    before = _shown.set(units)
+    try:
+        yield
+    finally:
+        _shown.reset(before)
 
 
 def in_rad_s(name: str, value: Any, *, needed: bool = True, **by_unit: Any) -> Any:

@@ -15,7 +15,8 @@ from rotorfit.apps.study_files.data_files import DataFile, RecordingFiles
 from rotorfit.apps.study_files.study import Study
 from rotorfit.base.array_types import Float
 from rotorfit.base.executors import cluster, process_pool
-from rotorfit.base.units import RAD_S_PER_RPM
+from rotorfit.base.names import unknown_name
+from rotorfit.base.units import RAD_S_PER_RPM, UNITS, Shown
 from rotorfit.identify.options.kinds import count_word, is_set, pairs, probability_word, two_numbers
 from rotorfit.identify.options.table import FIT, MODEL, SEARCH, SHAFT, UNCERTAINTY
 from rotorfit.lab.recordings.formats.files import ALWAYS_RAW
@@ -61,8 +62,24 @@ def add_report(to: argparse.ArgumentParser) -> None:
     words = "write no figures in --out, only tables, report and data files"
     which = add_figure_format(to)
     which.add_argument("--no-figures", dest="figure_format", action="store_const", const="none", help=words)
+    option(to, "--hz", "frequencies in Hz, in figures and tables")
+    words = "unit of amplitudes in figures: um, mil, um_pp, mil_pp, ... [um, 0-peak]"
+    option(to, "--amplitude UNIT", words, amplitude_word, default=Shown().length)
     option(to, "--interactive", "add Bode plots to the report that can be zoomed and clicked; needs bokeh and some MB")
     add_output(to)
+
+
+def amplitude_word(text: str) -> str:
+    """A unit of amplitudes."""
+    name = text.strip().replace("µ", "u").lower()
+    if name not in UNITS["displacement"]:
+        raise argparse.ArgumentTypeError(unknown_name("unit of amplitudes", text, UNITS["displacement"]))
+    return name
+
+
+def wanted_units(options: argparse.Namespace) -> Shown:
+    """Units of figures and tables that were asked for."""
+    return Shown(rate="hz" if options.hz else Shown().rate, length=options.amplitude)
 
 
 def add_group(to: argparse.ArgumentParser) -> None:

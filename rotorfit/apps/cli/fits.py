@@ -21,6 +21,7 @@ from rotorfit.apps.cli.arguments import (
     data_files,
     fit_study,
     option,
+    wanted_units,
     workers_of,
 )
 from rotorfit.apps.study_files.data_files import DataFile, RecordingFiles, read_files
@@ -31,7 +32,7 @@ from rotorfit.apps.study_files.study import Study
 from rotorfit.apps.study_files.study_file import read_study
 from rotorfit.apps.study_files.text import describe_test, summary
 from rotorfit.apps.study_files.wording import sentence
-from rotorfit.base.units import RPM_PER_RAD_S
+from rotorfit.base.units import RPM_PER_RAD_S, shown_in
 from rotorfit.show.report.interactive import check_interactive
 
 
@@ -90,6 +91,7 @@ def _identify(study: Study, options: argparse.Namespace, rig: str = "") -> ExitC
     unwritten: tuple[str, ...] = ()
     try:
         with progress_line(options) as progress, ExitStack() as stack:
+            stack.enter_context(shown_in(wanted_units(options)))
             executor = None if rig else checked(lambda: stack.enter_context(workers_of(options)))
             checkpoint = stack.enter_context(keep)
             folder = stack.enter_context(complete_folder(study.out)) if study.out else None
@@ -102,8 +104,10 @@ def _identify(study: Study, options: argparse.Namespace, rig: str = "") -> ExitC
         raise BadInputError(sentence(problem)) from problem
     options.out = study.out
     failure = [outcome.failure] if outcome.failure else []
+    with shown_in(wanted_units(options)):
+        text = summary(outcome, rig)
     found = Answer(
-        text=summary(outcome, rig),
+        text=text,
         plain=lambda: outcome_values(outcome),
         warned=outcome.warnings,
         said=[*failure, *unwritten],

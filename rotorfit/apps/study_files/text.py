@@ -12,7 +12,7 @@ from rotorfit.apps.study_files.study import Outcome
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import interval, plus_minus, significant, with_error
 from rotorfit.base.text_table import text_table
-from rotorfit.base.units import RPM_PER_RAD_S
+from rotorfit.base.units import RPM_PER_RAD_S, shown_units
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.structure.coefficients import lines_by_condition
 from rotorfit.identify.fitting.summary import fit_table
@@ -53,14 +53,14 @@ def describe_test(test: Experiment, findings: Sequence[Finding]) -> str:
     """Contents of a file, in a few lines, and the findings of the data check."""
     speeds = np.unique(np.round(test.set_speed * RPM_PER_RAD_S, 3))
     span = f"{speeds[0]:g} to {speeds[-1]:g} rpm" if speeds.size > 4 else ", ".join(f"{s:g}" for s in speeds) + " rpm"
-    w = test.frequencies * RPM_PER_RAD_S
+    w = test.frequencies
     lines = [f"{test.source or 'data'}: {test.kind}, {test.size_in_words}"]
     lines += [f"  forced at    {', '.join(test.forces)}"] if test.forces else []
     lines += [f"  measured at  {', '.join(test.probes)}"] if test.probes else []
     lines.append(f"  speed        {span}")
     if w.size:
         turning = "" if (w > 0).all() or (w < 0).all() else " (negative: backward whirl)"
-        lines.append(f"  frequency    {significant(w.min(), 5)} to {significant(w.max(), 5)} rpm{turning}")
+        lines.append(f"  frequency    {shown_units().rates(w.min(), w.max())}{turning}")
     lines += [_range(*one) for one in test.sizes]
     if test.attributes:
         lines.append(f"  attributes   {', '.join(test.attributes)}")

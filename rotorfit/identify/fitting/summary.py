@@ -14,7 +14,7 @@ import numpy as np
 
 from rotorfit.base.digits import significant, two_digits, with_error
 from rotorfit.base.text_table import Wide, text_html, text_table
-from rotorfit.base.units import RPM_PER_RAD_S
+from rotorfit.base.units import RPM_PER_RAD_S, shown_units
 from rotorfit.base.version import __version__
 from rotorfit.estimators.misfit.parameter_space import DATUM
 from rotorfit.estimators.starting.start_points import EARLIER_FIT, GIVEN
@@ -190,7 +190,7 @@ def _about(fit: FitResult) -> Iterator[tuple[str, str]]:
     ):
         said += [f"{what} {', '.join(names)}"] * bool(names)
     if w.size:
-        said.append(f"{significant(w.min() * RPM_PER_RAD_S, 5)} to {significant(w.max() * RPM_PER_RAD_S, 5)} rpm")
+        said.append(shown_units().rates(w.min(), w.max()))
     yield "DATA", ", ".join(said)
 
 
@@ -200,11 +200,12 @@ def _mode_lines(fit: FitResult) -> list[str]:
         return []
     speed = top_speed(fit)
     where = f"MODES at {significant(speed * RPM_PER_RAD_S, 4)} rpm" if fit.model.speed_dependent else "MODES"
-    rows = [[where, "frequency, rpm", "damping ratio", "log. decrement"]]
+    unit = shown_units().rate_name
+    rows = [[where, f"frequency, {unit}", "damping ratio", "log. decrement"]]
     for name, frequency, ratio in named_modes(modes_at(fit, speed), sensed=speed > 0):
         way = {"F": "forward", "B": "backward"}.get(name[-1], "")
         swings = abs(ratio.value) < OVERDAMPED
-        cells = [abs(frequency).to("rpm").shown().number, ratio.shown().number] if swings else ["overdamped", ""]
+        cells = [abs(frequency).to(unit).shown().number, ratio.shown().number] if swings else ["overdamped", ""]
         rows.append([f"{name}  {way}".rstrip(), *cells, decrement_of(ratio).shown().number if swings else ""])
     return text_table(rows, "<22 >18 >22 >20") if rows[1:] else []
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from io import BytesIO
@@ -23,7 +23,7 @@ from PIL import Image
 from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.digits import significant
 from rotorfit.base.names import unknown_name
-from rotorfit.base.units import UNITS
+from rotorfit.base.units import UNITS, shown_units
 
 COLOURS = ("#0B4F8A", "#E58A1F", "#7CCFC4", "#7A1F5C")
 """Of conditions and traces: told apart by colour-blind readers, the first two in grey print too."""
@@ -64,8 +64,8 @@ class Sheet:
     """Where a figure is drawn, and the units of its frequencies and lengths, by their names in column names."""
 
     ax: Any = None
-    rate: str = "rpm"
-    length_unit: str = "um"
+    rate: str = field(default_factory=lambda: shown_units().rate)
+    length_unit: str = field(default_factory=lambda: shown_units().length)
 
     @classmethod
     def of(cls, ax: Any = None, unit: str | Sequence[str] | None = None) -> Sheet:

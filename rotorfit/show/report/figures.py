@@ -14,7 +14,7 @@ import numpy as np
 from rotorfit.base.array_types import Float
 from rotorfit.base.atomic_file import file_name
 from rotorfit.base.digits import significant
-from rotorfit.base.units import RPM_PER_RAD_S
+from rotorfit.base.units import RPM_PER_RAD_S, shown_units
 from rotorfit.identify.fitting.headline import leads_of
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.structure.modes import own_modes
@@ -111,7 +111,8 @@ def _stability(material: ReportInput) -> Iterator[Html]:
         yield embedded(material, name, of_group, caption, caption=label)
     yield from threshold_table(material)
     rows = [row for label, group in groups_of(fit) for row in _mode_rows(fit, label, group)]
-    head = ["group", "rotative speed, rpm", "damped frequency, rpm", "±", "damping ratio", "±"]
+    unit = shown_units().rate_name
+    head = ["group", "rotative speed, rpm", f"damped frequency, {unit}", "±", "damping ratio", "±"]
     if rows and not rows[0][0]:
         head, rows = head[1:], [row[1:] for row in rows]
     modes = table(head, rows, numeric=range(len(head) - 5, len(head)))
@@ -151,8 +152,9 @@ def _mode_rows(fit: FitResult, label: str, group: int) -> Iterator[list[str]]:
     for speed in speeds.tolist():
         for frequency, damping in fit.natural_frequencies(speed, at):
             shown = f"{speed * RPM_PER_RAD_S:.0f}" if fit.model.speed_dependent else "any"
-            in_rpm = (RPM_PER_RAD_S * part for part in (frequency.value, frequency.stderr))
-            yield [label, shown, *with_error(*in_rpm), *with_error(damping.value, damping.stderr)]
+            own = frequency.to(shown_units().rate_name)
+            ends = with_error(own.value, own.stderr), with_error(damping.value, damping.stderr)
+            yield [label, shown, *ends[0], *ends[1]]
 
 
 def _posterior(material: ReportInput, posterior: Posterior) -> Iterator[Html]:
