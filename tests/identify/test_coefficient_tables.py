@@ -145,13 +145,15 @@ def test_models_without_fluid_are_refused_in_words() -> None:
         plane_force(rf.models.TwoDisk(), theta, 100.0, "inboard")
 
 
-def test_several_pressures_are_conditions_and_lines_of_their_own() -> None:
+@pytest.mark.parametrize("by", ["speed_rpm", "meant_rpm"])
+def test_several_pressures_are_conditions_and_lines_of_their_own(by: str) -> None:
     names = [k + i + j for k in "KD" for i in "xy" for j in "xy"]
     rig = {"speeds_rpm": [1500.0, 3000.0], "mass": 0.0, "force_noise": 0.6, "force_sigma": 0.6}
     tables = [floating_stator(**rig, seed=bar).assign(pressure_bar=bar) for bar in (2, 5)]  # type: ignore[arg-type]
+    tables = [table.assign(meant_rpm=table["speed_rpm"] - 20) for table in tables]
     test = rf.read(pd.concat([table.assign(run=table.run + f" {k} bar") for k, table in enumerate(tables)]))
     known = {f"M{i}{j}": 0.0 for i in "xy" for j in "xy"}
-    per = dict.fromkeys(names, "speed_rpm+pressure_bar")
+    per = dict.fromkeys(names, f"{by}+pressure_bar")
     fit = plain_fit(rf.models.Anisotropic(("stator",)), test, known=known, per=per)
     conditions = [f"pressure_bar={bar}, {rpm} rpm" for bar in (2, 5) for rpm in (1500, 3000)]
     assert [row.condition for row in fit.coefficient_table().rows] == conditions

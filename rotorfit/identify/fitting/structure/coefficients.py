@@ -272,6 +272,15 @@ def _at_speed(fit: FitResult, speed: float) -> Mapping[str, Any] | None:
     return {"speed_rpm": float(np.round(nearest, 6))}
 
 
+def _is_speed(fit: FitResult, name: str) -> bool:
+    """True of the speed among attributes, and of a column that holds the speed that was meant."""
+    if name == "speed_rpm":
+        return True
+    nominal = 0.02  # share by which a speed may be off the one that was meant
+    pairs = [(test.attribute(name), test.set_speed * RPM_PER_RAD_S) for test in fit.experiments]
+    return all(own.dtype.kind in "fi" and np.allclose(own, speed, rtol=nominal, atol=0) for own, speed in pairs)
+
+
 def _condition(fit: FitResult, group: int, speed: float) -> str:
     """Name of a condition: the speed, after what else parameters were fitted per."""
     words: list[str] = []
@@ -279,7 +288,7 @@ def _condition(fit: FitResult, group: int, speed: float) -> str:
         names, _, values = label.partition("=")
         pairs = list(zip(names.split("+"), values.split("+"), strict=False))
         whole = len(pairs) < values.count("+") + 1
-        words += [label] if whole else [f"{name}={value}" for name, value in pairs if name != "speed_rpm"]
+        words += [label] if whole else [f"{name}={value}" for name, value in pairs if not _is_speed(fit, name)]
     return ", ".join([*dict.fromkeys(words), f"{significant(speed * RPM_PER_RAD_S, 5)} rpm"])
 
 
