@@ -144,6 +144,25 @@ def test_a_chain_goes_through_every_command(tmp_path: Path, capsys: pytest.Captu
         assert code == 0, (name, capsys.readouterr().err)
 
 
+def test_a_chain_stands_in_a_fluid_where_the_command_line_says(tmp_path: Path) -> None:
+    """Ds2 damps where the fluid does: the summary says that it is what D and lam wait for."""
+    model = rf.models.Chain(2, fluid="mass-2")
+    values = {"M1": 1.0, "M2": 0.5, "K1": 2e4, "K2": 3e4, "K3": 5e3, "Ds1": 30.0, "Ds2": 0.0}
+    values |= {"K0": 1e4, "D": 400.0, "lam": 0.45, "Mf": 0.3}
+    w = np.linspace(20.0, 400.0, 30)
+    test = circular_test(
+        model, model.vector(values), speeds=(90.0, 150.0), frequency=np.r_[-w[::-1], w], noise=0.003, sigma_known=True
+    )
+    rf.write(test, tmp_path / "chain.csv")
+    words = ["fit", tmp_path / "chain.csv", "--model", "chain", "--fluid", "mass-2", "--known", "K3=5000", "--quiet"]
+    for known, said in (((), True), (("--known", "Ds2=0"), False)):
+        out = tmp_path / f"out{len(known)}"
+        assert cli.main([*map(str, words), *known, "--no-figures", "--out", str(out)]) == 0
+        told = " ".join((out / "summary.txt").read_text(encoding="utf-8").split())
+        assert ("because Ds2 may be anything" in told) == said
+        assert "lam fluid velocity ratio" in told
+
+
 def test_a_law_without_a_fluid_is_still_refused() -> None:
     with refuses(ValueError):
         rf.models.Chain(2, law=rf.models.Muszynska(), clearance_um=200.0)

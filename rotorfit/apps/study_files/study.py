@@ -23,7 +23,7 @@ from rotorfit.identify.uncertainty.profile import Profile
 from rotorfit.lab.data.experiments import perturbations
 from rotorfit.lab.data.findings import Finding, attributed, error_sentence, errors_in, of_the_fit, warnings_in
 from rotorfit.lab.data.rows import Experiment
-from rotorfit.models import LAWS, MODELS, AnisotropicShaft, KnownStructure, Modal, Orthotropic, RotorModel
+from rotorfit.models import LAWS, MODELS, AnisotropicShaft, Chain, KnownStructure, Modal, Orthotropic, RotorModel
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,7 +113,8 @@ def check_model(study: Study) -> None:
     for name in study.laws:
         if name not in (ALL_LAWS, *LAWS):
             raise ValueError(unknown_name("law", name, (ALL_LAWS, *LAWS)))
-    idle = [name for name in SHAFT if getattr(study, name)]
+    own = ("fluid",) if study.model == Chain.name else ()
+    idle = [name for name in SHAFT if getattr(study, name) and name not in own]
     if idle or isinstance(study.planes, Mapping):
         raise ValueError(
             f"{idle[0] if idle else 'planes with nodes'}: only for a shaft from a file, which structure names"
@@ -141,6 +142,8 @@ def build_model(study: Study, experiments: Sequence[Experiment]) -> RotorModel:
         options["planes"] = study.planes
     elif study.model == "anisotropic":  # has as many planes as the data, whatever they are called
         options["planes"] = tuple(dict.fromkeys(plane for experiment in experiments for plane in experiment.planes))
+    if study.model == Chain.name and study.fluid:
+        options["fluid"] = study.fluid if len(study.fluid) > 1 else study.fluid[0]
     if study.model == AnisotropicShaft.name:
         if not any(test.reads_twist for test in experiments):
             options["torsion"] = None

@@ -13,6 +13,11 @@ from rotorfit.lab.data.experiments import perturbations
 from rotorfit.lab.data.findings import Finding
 from rotorfit.models.shafts.shaft import Shaft
 
+_WIDE = 0.5
+"""Standard error over the value from which a value is called wide."""
+_TOGETHER = 0.98
+"""Correlation from which four fifths of an error are another value's."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class StructureError:
@@ -46,6 +51,8 @@ def _notes(fit: FitResult) -> Iterator[Finding]:
     for row in fit.causes.found:
         text = f"the data show {row.words}; {row.way_out}"
         yield Finding("note", "cause", text, remedy=row.way_out, origin="fit")
+    if words := _only_together(fit):
+        yield Finding("note", "only-together", words, remedy=words.rpartition("; ")[2], origin="fit")
     for text in _of_one_probe(fit):
         yield Finding("note", "one-probe", text)
     if fit.model.of_modes and all(test.synchronous for test in fit.experiments):
@@ -58,6 +65,28 @@ def _notes(fit: FitResult) -> Iterator[Finding]:
     reduced = structure_error(fit)
     if reduced is not None:
         yield Finding("note", "reduced", str(reduced), origin="model")
+
+
+def _only_together(fit: FitResult) -> str:
+    """Dampers, of those beside a fluid, whose value would narrow others that are wide for want of it."""
+    names = [name for name in fit.var_names if name in fit.params and fit.params[name].determined]
+    entries = [fit.var_names.index(name) for name in names]
+    error = np.sqrt(np.diag(fit.covar)[entries])
+    value = np.abs([fit.params[name].value for name in names])
+    wide = np.flatnonzero(error > _WIDE * value)
+    within = {q.name for own in fit.model.fluids for q in own.parameters}
+    for a in wide.tolist():
+        if names[a] in within or fit.params[names[a]].unit != "N s/m":
+            continue
+        r = fit.covar[entries, entries[a]] / (error * error[a])
+        others = [names[b] for b in wide.tolist() if b != a and abs(r[b]) > _TOGETHER]
+        if len(others) > 1:
+            given = f"{{{names[a]!r}: 0.0}}"
+            return (
+                f"{', '.join(others)} are wide because {names[a]} may be anything; if nothing else damps there, say so "
+                f"(known={given}, --known {names[a]}=0), or measure it without fluid"
+            )
+    return ""
 
 
 def _of_one_probe(fit: FitResult) -> Iterator[str]:

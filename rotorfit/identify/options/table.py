@@ -25,7 +25,7 @@ class StudyOptions(FitOptions):
     planes: Planes = option(
         (), "the data's plane names, in the model's order; with --structure the node of each, disk=7,journal=14", "A,B"
     )
-    fluid: tuple[str, ...] = option((), "planes in the fluid (--structure), or tags of elements of a ROSS rotor", "A,B")
+    fluid: tuple[str, ...] = option((), "planes in the fluid (--structure, chain), or tags of a ROSS rotor", "A,B")
     supports: tuple[str, ...] = option(
         (), "planes on supports that are fitted (--structure), or tags of a ROSS rotor", "A,B"
     )
