@@ -49,6 +49,7 @@ def test_f_minus_m_a_gives_the_seal_of_a_rotor_that_moves() -> None:
     alone = [rf.read(frame, where={"plane": "stator"}) for frame in frames]
     misled = plain_fit(MODEL, alone[0], baseline=alone[1])
     assert misled.redchi > 10  # by which its errors are widened
+    assert "if the rotor moves too, make forces F - M a by accelerometers" in " ".join(misled.summary().split())
     assert max(_errors(misled).values()) > 6
 
 

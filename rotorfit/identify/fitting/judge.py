@@ -440,20 +440,27 @@ def _of_values(
         yield _warning("unstable", text)
 
 
+_ROTOR_MOVES = (
+    "if the rotor moves too, make forces F - M a by accelerometers on the stator (stator=, --stator): probes that read "
+    "relative to the rotor mistake the stator's inertia"
+)
+
+
 def _advice(problem: Problem, identifiability: Identifiability, refined: bool) -> str:
     """Advice for a fit that its model limits: structural blocks only where more can be added."""
     model = problem.space.model
     if model.advice:
         return model.advice
+    moving = _ROTOR_MOVES if any(block.beside is not None for block in problem.responses) else ""
     for block in problem.responses:  # motion along x and y under forces along one of them
         along = [block.force[:, [c.axis == axis for c in model.coordinates]].any(axis=1) for axis in "xy"]
         if (along[0] ^ along[1]).any():
             return (
                 "forces are given along one axis at a time: if the other shaker pushes too, give what both load cells "
-                "say (force_x_N, force_y_N)"
+                f"say (force_x_N, force_y_N){f'; {moving}' if moving else ''}"
             )
-    if not hasattr(model, "blocks"):
-        return f"{model.name} has no structural blocks to add; a model of more planes may fit"
+    if moving or not hasattr(model, "blocks"):
+        return moving or f"{model.name} has no structural blocks to add; a model of more planes may fit"
     if refined or len(model.blocks) == len(BLOCKS):
         return "bring the shaft's matrices (KnownStructure)"
     if why_not_refined(model, identifiability):
