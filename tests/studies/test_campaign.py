@@ -495,3 +495,30 @@ def test_an_attribute_keeps_its_last_digit() -> None:
     test = rf.datasets.rig_open()
     told = replace(test, attributes={"oil_C": np.full(len(test), 16.49)})
     assert conditions(told)["oil_C"] == 16.49
+
+
+def test_runs_that_lack_a_probe_lack_its_gain_alone(tmp_path):
+    """A modal model has no gain of a probe that was not there: one run of three has that of de y."""
+    w, noise, rng = np.linspace(60.0, 480.0, 40), 2e-8, np.random.default_rng(3)
+    gains = {("de", "x"): 1.0, ("de", "y"): -1j, ("nde", "x"): -0.7}
+    tests = []
+    for number, probes in enumerate((list(gains), [("de", "x"), ("nde", "x")], [("de", "x"), ("nde", "x")])):
+        motion = 2e-4 * w**2 / (40.0 * (300.0**2 - w**2 + 30j * w))
+        read = np.concatenate([gains[probe] * motion for probe in probes])
+        error = noise * (rng.normal(size=read.size) + 1j * rng.normal(size=read.size))
+        speed = np.tile(w, len(probes))
+        plane, axis = (np.repeat(own, w.size) for own in zip(*probes, strict=True))
+        tests.append(
+            rf.PerturbationTest(
+                run=np.full(read.size, f"run {number}"), speed=speed, frequency=speed,
+                force_plane=np.full(read.size, "A"), force=2e-4 * speed**2 + 0j, plane=plane, direction=axis,
+                response=read + error, sigma=np.full(read.size, noise), source=f"{number}.csv",
+            )
+        )  # fmt: skip
+    found = rf.campaign(rf.models.Modal(("de", "nde", "A"), force_planes=("A",), residuals=False), tests)
+    value, stderr = found.values("g_nde_x")
+    assert np.all(np.abs(value + 0.7) < 4 * stderr)
+    assert np.isfinite(found.values("g_de_y")[0]).tolist() == [True, False, False]
+    lines = found.table().splitlines()
+    assert len(lines[1].split()) == len(lines[2].split()) + 4
+    assert found.unit("g_de_y") == "1"

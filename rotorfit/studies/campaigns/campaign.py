@@ -99,11 +99,20 @@ class Campaign(Printed):
         Raises:
             KeyError: no such parameter.
         """
-        self.model.parameter(parameter)
+        if parameter not in self.fitted:
+            self.model.parameter(parameter)
         found = [self._parameter(run, parameter) for run in self.runs]
         pairs = [(p.value, p.stderr) if p is not None and p.resolved else (np.nan, np.nan) for p in found]
         value, stderr = np.array(pairs, dtype=float).reshape(-1, 2).T
         return value, stderr
+
+    def unit(self, parameter: str) -> str:
+        """Unit of a parameter that was fitted run by run, of the runs whose model has it.
+
+        Args:
+            parameter: its name.
+        """
+        return next(run.params[parameter].unit for run in self.runs if parameter in run.params)
 
     def _parameter(self, run: RunFit, name: str) -> FittedParameter | None:
         return run.params.get(name, self.shared.get(name) if run.params else None)
@@ -165,7 +174,7 @@ class Campaign(Printed):
                     value = "" if by is None else run.attributes.get(by, "")
                     label = value if isinstance(value, str) else f"{value:.6g}"
                     groups.setdefault(label, []).append(run)
-            unit = self.model.parameter(name).unit
+            unit = self.unit(name)
             every = [[float(run.attributes[axis]) for axis in axes] for runs in groups.values() for run in runs]
             for group in sorted(groups, key=natural):
                 found += trends_of(groups[group], name, unit, axes, group, np.mean(every, axis=0), degree)
@@ -211,8 +220,9 @@ class Campaign(Printed):
                 rows[-1].append(Wide(run.message, 2 * len(self.fitted) + 2, remark=True))
                 continue
             for name in self.fitted:
-                p = run.params[name]
-                rows[-1] += [p.shown().value, p.shown().error] if p.determined else [Wide(p.shown().value, 2)]
+                p = run.params.get(name)  # what the data of a run leave out of the model is not there
+                said = "" if p is None else p.shown().value
+                rows[-1] += [said, p.shown().error] if p is not None and p.determined else [Wide(said, 2)]
             rows[-1] += [significant(run.redchi, 3), run.remark]
         columns = ["<4", *[">14"] * len(shown), *[">12", ">10"] * len(self.fitted), ">9", "<1"]
         return "\n".join(text_table(rows, " ".join(columns)))

@@ -119,5 +119,5 @@ def _runs(campaign: Campaign) -> Html:
             cells.append(shown)
         rows.append([run.name, *cells, plain(run.redchi, 3) if run.params else "", run.remark])
     numbers = range(1 + len(campaign.attributes), len(head) - 1)
-    units = ", ".join(f"{name} in {unit_shown(campaign.model.parameter(name).unit)}" for name in campaign.fitted)
+    units = ", ".join(f"{name} in {unit_shown(campaign.unit(name))}" for name in campaign.fitted)
     return section("Runs", table(head, rows, numeric=numbers), note(f"Errors are one standard deviation; {units}."))
