@@ -170,3 +170,10 @@ def test_exchanged_force_channels_are_named(rig: Path) -> None:
     found = [f for f in rf.check(reduced(rig, names, "swapped.toml")) if f.severity == "error"]
     assert [f.code for f in found] == ["axes"]
     hear(found[0].message)
+
+
+def test_a_test_of_many_recordings_is_called_for_the_first() -> None:
+    from rotorfit.lab.data.rows import short_source
+
+    assert short_source("a.mat, b.mat with rig.toml") == "a.mat, b.mat with rig.toml"
+    assert short_source(", ".join(f"{k}.mat" for k in range(24)) + " with rig.toml") == "0.mat and 23 more"

@@ -17,7 +17,7 @@ from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.structure.coefficients import lines_by_condition
 from rotorfit.identify.fitting.summary import fit_table
 from rotorfit.lab.data.findings import Finding
-from rotorfit.lab.data.rows import Experiment
+from rotorfit.lab.data.rows import Experiment, short_source
 
 
 def summary(outcome: Outcome, rig: str = "") -> str:
@@ -54,7 +54,7 @@ def describe_test(test: Experiment, findings: Sequence[Finding]) -> str:
     speeds = np.unique(np.round(test.set_speed * RPM_PER_RAD_S, 3))
     span = f"{speeds[0]:g} to {speeds[-1]:g} rpm" if speeds.size > 4 else ", ".join(f"{s:g}" for s in speeds) + " rpm"
     w = test.frequencies
-    lines = [f"{test.source or 'data'}: {test.kind}, {test.size_in_words}"]
+    lines = [f"{short_source(test.source) or 'data'}: {test.kind}, {test.size_in_words}"]
     lines += [f"  forced at    {', '.join(test.forces)}"] if test.forces else []
     lines += [f"  measured at  {', '.join(test.probes)}"] if test.probes else []
     lines.append(f"  speed        {span}")

@@ -23,6 +23,7 @@ from rotorfit.identify.fitting.quantities import ErrorBar, Quantity, Shown
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.structure.coefficients import Coefficients
 from rotorfit.lab.data.findings import Finding, errors_in
+from rotorfit.lab.data.rows import short_source
 from rotorfit.models.motion.stability import growing
 from rotorfit.models.parameters import bare_name
 
@@ -154,7 +155,7 @@ def headline(fit: FitResult, findings: Sequence[Finding] | None = None) -> Headl
 
 def rig_name(fit: FitResult) -> str:
     """What was tested, by the names of its files."""
-    names = list(dict.fromkeys(Path(test.source).stem for test in fit.experiments if test.source))
+    names = list(dict.fromkeys(Path(short_source(test.source)).stem for test in fit.experiments if test.source))
     more = f" and {len(names) - 1} more" if names[1:] else ""
     return names[0] + more if names else "data in memory"
 

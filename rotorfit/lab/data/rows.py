@@ -383,6 +383,12 @@ class Experiment(ABC):
         return self.attributes[name]
 
 
+def short_source(source: str) -> str:
+    """Where a test came from, of more files than a line holds the first one."""
+    files, most = source.partition(" with ")[0].split(", "), 4
+    return f"{files[0]} and {len(files) - 1} more" if len(files) > most else source
+
+
 def in_words(value: Any) -> str:
     """A value of an attribute as the names of parameters have it."""
     return f"{value:.10g}" if isinstance(value, (int, float)) else str(value)

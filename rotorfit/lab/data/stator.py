@@ -19,7 +19,7 @@ from rotorfit.base.names import unknown_name
 from rotorfit.base.significance import SIGNIFICANT_ERRORS
 from rotorfit.lab.data.experiments import FORCE_SIGMA, PerturbationTest, records
 from rotorfit.lab.data.findings import Finding
-from rotorfit.lab.data.rows import Experiment
+from rotorfit.lab.data.rows import Experiment, short_source
 
 STATOR_MASS = "stator_mass_kg"
 """Attribute of tests whose forces are F - M a."""
@@ -127,9 +127,10 @@ def _of_rotor(
         Finding(
             "note",
             "rotor-moves",
-            f"{test.source or 'the test'}: the stator moves by the accelerometers at {plane} otherwise than by the "
-            f"probes at {', '.join(test.planes)}, by {percent} +- {within} % of it: the rotor moves too, if the probes "
-            "read relative to it, or the sensors differ, which a dry run shows, in which the rotor stands still. "
+            f"{short_source(test.source) or 'the test'}: the stator moves by the accelerometers at {plane} otherwise "
+            f"than by the probes at {', '.join(test.planes)}, by {percent} +- {within} % of it: the rotor moves too, "
+            "if the probes read relative to it, or the sensors differ, which a dry run shows, in which the rotor "
+            "stands still. "
             "Forces are F - M a, whatever the rotor does; probes must read relative to it",
         )
     ]
