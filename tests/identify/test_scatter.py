@@ -45,6 +45,25 @@ def test_one_line_that_was_hit_is_named_and_the_remedy_is_one(name, given, kick)
     assert not robust.notices
 
 
+@pytest.mark.parametrize("factor", [10.0, 100.0])
+@pytest.mark.parametrize("given", [True, False])
+def test_a_line_that_draws_the_fit_to_itself_is_named_and_no_error_of_the_data(given, factor):
+    """Unbalance is many times the response to a small perturbator where the line is at 1x."""
+    model, test = typical_test("one-mode", sigma_known=given)
+    at = int(np.argmin(np.abs(test.frequency - test.speed)))
+    line = (test.run == test.run[at]) & (test.frequency == test.frequency[at])
+    known = known_of("one-mode", TYPICAL["one-mode"])
+    fit = rf.fit(model, replace(test, response=np.where(line, factor, 1.0) * test.response), known=known)
+    codes = {finding.code: finding.severity for finding in fit.findings}
+    assert "bad-lines" in codes
+    assert "error" not in codes.values()
+    assert "noise-larger" not in codes
+    (words,) = [words for words in fit.warnings if "1 line alone" in words]
+    assert "the turning speed)" in words
+    left = rf.fit(model, test.select(~line), known=known)
+    assert all(abs(p.value - TYPICAL["one-mode"][n]) < 4 * p.stderr for n, p in left.params.items() if p.vary)
+
+
 def test_a_line_at_the_turning_speed_is_called_so():
     model, test = typical_test("one-mode", sigma_known=True)
     at = int(np.argmin(np.abs(test.frequency - test.speed)))

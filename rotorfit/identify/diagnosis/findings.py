@@ -48,7 +48,15 @@ from rotorfit.identify.fitting.notices import notices_of
 from rotorfit.identify.fitting.problem_setup import build_problem
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.experiments import PerturbationTest, perturbations
-from rotorfit.lab.data.findings import INTERNAL_PROBLEM, LOCAL_MINIMUM, Finding, attributed, errors_first, errors_in
+from rotorfit.lab.data.findings import (
+    BAD_LINES,
+    INTERNAL_PROBLEM,
+    LOCAL_MINIMUM,
+    Finding,
+    attributed,
+    errors_first,
+    errors_in,
+)
 from rotorfit.lab.data.probes import at_common_zero
 from rotorfit.models.parameters import bare_name
 
@@ -167,7 +175,7 @@ def explained(fit: FitResult, shown: Collection[str] = ()) -> list[Finding]:
             turning.append(error.explains(trial(problem)[0] / _power(problem)))
     if found := _findings(turning):
         return found
-    if not fit.redchi >= _LEAST_REDCHI:
+    if not fit.redchi >= _LEAST_REDCHI or any(one.code == BAD_LINES for one in fit.notices):
         return []
     changed = fit.settings.rescaled or fit.settings.solved is not None  # by noise and causes found at a wrong optimum
     asked = build_problem(fit.model, fit.experiments, fit.settings.asked) if changed else fit.problem

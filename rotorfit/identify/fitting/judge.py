@@ -39,7 +39,7 @@ from rotorfit.identify.fitting.problem_setup import with_noise_of_data
 from rotorfit.identify.fitting.quantities import FittedParameter, ResponseQuality
 from rotorfit.identify.fitting.result import FitResult, noise_known_from
 from rotorfit.identify.fitting.settings import FitSettings
-from rotorfit.lab.data.findings import Finding
+from rotorfit.lab.data.findings import BAD_LINES, Finding
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.models import BLOCKS, RotorModel
 from rotorfit.models.motion.stability import growing, stability_band
@@ -85,7 +85,8 @@ def judge(
     plain, begin = problem, x
     if beside is not None:  # without the causes that were found
         plain, begin = shifted(problem, [-part for part in beside.shift]), beside.plain[: x.size]
-    alone = bad_lines(plain, begin, MODEL_LIMITED_REDCHI) if redchi > MODEL_LIMITED_REDCHI else None
+    ends = np.vstack([begin, np.append(start.x, begin[start.x.size :])[: begin.size]])
+    alone = bad_lines(plain, ends, MODEL_LIMITED_REDCHI) if redchi > MODEL_LIMITED_REDCHI else None
     notices = [*notes, *fit_warnings(problem, x, redchi, params, verdict, settings, noise, alone)]
     notices += [_warning("cause-size", text) for text in size_warnings(causes)]
     if redchi <= max(largest_redchi(noise, nfree, noise_known_from(problem)), MODEL_LIMITED_REDCHI):
@@ -368,7 +369,7 @@ def fit_warnings(
 ) -> Iterator[Finding]:
     """Warnings for a reader of the result; ``alone``: lines that alone miss it."""
     if alone is not None:
-        yield _warning("bad-lines", alone.sentence(redchi))
+        yield _warning(BAD_LINES, alone.sentence(redchi))
         yield from _of_values(problem, x, params, identifiability)
         return
     if noise is not None:

@@ -140,8 +140,8 @@ def warnings_in(findings: Iterable[Finding]) -> list[str]:
     ]
 
 
-LOCAL_MINIMUM, INTERNAL_PROBLEM = "local-minimum", "internal-problem"
-"""Codes of what a diagnosis finds of the fit itself, and of the program."""
+LOCAL_MINIMUM, INTERNAL_PROBLEM, BAD_LINES = "local-minimum", "internal-problem", "bad-lines"
+"""Codes of what a diagnosis finds of the fit itself, of the program, and of a few lines that alone miss a fit."""
 
 
 def of_the_fit(findings: Iterable[Finding]) -> list[Finding]:

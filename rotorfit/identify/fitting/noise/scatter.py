@@ -38,28 +38,47 @@ class BadLines:
         )
 
 
-def bad_lines(problem: Problem, x: Float, enough: float) -> BadLines | None:
-    """The few lines without which a fit's redchi would be no more than ``enough``; None where others miss too."""
+def bad_lines(problem: Problem, starts: Float, enough: float) -> BadLines | None:
+    """The few lines without which a fit's redchi would be no more than ``enough``; None where others miss too.
+
+    They may have drawn the fit to them, so that others seem to miss as well: the worst are hidden, the rest is fitted
+    again, and again without those that are the worst then (least trimmed squares). Where that leads nowhere, it begins
+    with the largest readings hidden, as a weight at 1x makes them.
+
+    Args:
+        problem: with the readings as they are.
+        starts: the values that were found, and where the search for them began, shape ``(2, p)``.
+        enough: redchi.
+    """
     if problem.loss != "linear" or len(problem.responses) < len(problem.blocks):
         return None
     line = np.unique(lines_in(problem), return_inverse=True)[1].reshape(-1)
     count = 2 * np.bincount(line)
     if count.size < _FEWEST:
         return None
-    own = _squares(problem, x, line) / count
-    worst = np.argsort(own)[::-1][: max(1, int(_MOST_SHARE * count.size))]
-    worst = worst[own[worst] > _FAR * max(1.0, float(np.median(own)) / np.log(2))]
-    if not worst.size:
-        return None
-    rest = _of_others(problem, x, line, worst)
-    if rest > enough:  # they may have drawn the fit to them
+    most = max(1, int(_MOST_SHARE * count.size))
+
+    def without(worst: Index, starts: Float) -> Float:
+        """What the other lines lead to."""
         hidden = 1e4  # factor on the noise of readings that then have no weight
-        without = problem.with_noise(np.where(np.isin(line, worst), hidden, 1.0))
-        rest = _of_others(problem, short_fits(without, x[None]).best, line, worst)
-    if not rest <= enough:
-        return None
-    words = tuple(_place(problem, int(np.flatnonzero(line == one)[0])) for one in worst)
-    return BadLines(places=words, redchi=rest)
+        return short_fits(problem.with_noise(np.where(np.isin(line, worst), hidden, 1.0)), starts.copy()).best
+
+    size = np.bincount(line, weights=np.abs(np.concatenate([b.measured / b.sigma for b in problem.blocks])) ** 2)
+    for begin in (lambda: starts[0], lambda: without(np.argsort(size)[::-1][:most], starts)):
+        x, tried = begin(), set[bytes]()
+        for _ in range(4):
+            own = _squares(problem, x, line) / count
+            worst = np.argsort(own)[::-1][:most]
+            far = worst[own[worst] > _FAR * max(1.0, float(np.median(own)) / np.log(2))]
+            rest = _of_others(problem, x, line, far)
+            if far.size and rest <= enough:
+                words = tuple(_place(problem, int(np.flatnonzero(line == one)[0])) for one in far)
+                return BadLines(places=words, redchi=rest)
+            if np.sort(worst).tobytes() in tried:
+                break
+            tried.add(np.sort(worst).tobytes())
+            x = without(worst, np.vstack([x, starts]))
+    return None
 
 
 def _squares(problem: Problem, x: Float, line: Index) -> Float:
