@@ -36,7 +36,8 @@ def with_errors(value: float, error: float, *shares: float) -> list[str]:
 
 def _exponent(size: float) -> int:
     """Power of ten that a number is written with, zero for none."""
-    return 0 if 1e-4 <= size < 1e7 else math.floor(math.log10(size))
+    smallest = -307  # power of ten of the smallest normal number
+    return 0 if 1e-4 <= size < 1e7 else max(math.floor(math.log10(size)), smallest)
 
 
 def _decimal(value: float, error: float) -> str:
@@ -54,9 +55,9 @@ def significant(value: float, digits: int, *, sign: bool = False) -> str:
     if not (math.isfinite(value) and value):
         return f"{value:{plus}g}"
     rounded = float(f"{value:.{digits - 1}e}")
-    exponent = _exponent(abs(rounded))
-    if exponent:
-        return f"{rounded / 10.0**exponent:{plus}.{digits}g}e{exponent}"
+    if _exponent(abs(rounded)):
+        mantissa, _, power = f"{rounded:.{digits - 1}e}".partition("e")
+        return f"{float(mantissa):{plus}.{digits}g}e{int(power)}"
     shown = f"{rounded:{plus}.{max(digits - 1 - math.floor(math.log10(abs(rounded))), 0)}f}"
     return shown.rstrip("0").rstrip(".") if "." in shown else shown
 

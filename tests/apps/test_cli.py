@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_words import FIGURES, FIT, FROM_VOLTS, RIG, TABLES, TRUTH, WHOLE, Run, perturbed, refused, table
+from command_words import FIGURES, FIT, RIG, TABLES, TRUTH, WHOLE, Run, perturbed, refused, table
 from report_pages import leave_pixels_out
 from seal_campaigns import seal_campaign
 from sentences import hear, refuses
@@ -398,7 +398,6 @@ def test_commands_of_the_readme_and_of_the_first_tutorial_run(
     lines = "".join(blocks("README.md", "sh") + blocks(FIRST_TUTORIAL, "sh")).splitlines()
     commands = [line.split()[1:] for line in dict.fromkeys(lines) if line.startswith("rotorfit ")]
     assert {words[0] for words in commands} >= {"info", "models", "fit", "run"}
-    commands.remove(FROM_VOLTS)  # run word for word elsewhere
     for name in ("disk-fwd", "journal-fwd"):
         recording = Path(rotorfit.datasets.path(f"volts_{name}.h5"))
         (tmp_path / f"{name}.h5").write_bytes(recording.read_bytes())

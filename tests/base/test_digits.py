@@ -44,6 +44,7 @@ def test_what_is_not_determined_says_so():
         (0.0, 3, "0"), (1.0004, 3, "1"), (2104.0, 2, "2100"), (212345.0, 3, "212000"), (9.9996, 3, "10"),
         (0.00012345, 3, "0.000123"), (6.9e-5, 2, "6.9e-5"), (-3.25e-12, 3, "-3.25e-12"), (1.5e8, 2, "1.5e8"),
         (99999999.0, 3, "1e8"), (math.inf, 3, "inf"),
+        (5e-324, 3, "4.94e-324"), (-1.7e308, 2, "-1.7e308"),
     ],
 )  # fmt: skip
 def test_a_number_without_error_is_decimal_or_has_a_short_exponent(value, digits, shown):
@@ -51,6 +52,7 @@ def test_a_number_without_error_is_decimal_or_has_a_short_exponent(value, digits
 
 
 def test_a_value_and_all_its_errors_have_one_exponent():
+    assert with_errors(5e-324, 5e-324)[0].endswith("e-307")  # below the powers of ten that there are
     assert with_errors(-4e-9, 4.3e-9, 4.2e-9, 1e-9, 0.0) == ["-4.0e-9", "4.2e-9", "1.0e-9", "-"]
     assert with_errors(-4e-9, 4.3e-8, 4.2e-9) == ["-0.4e-8", "0.42e-8"]
     assert with_errors(0.47235, 0.018, 6.9e-5) == ["0.472", "0.000069"]
