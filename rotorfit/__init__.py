@@ -159,6 +159,7 @@ PROVIDERS.update(
         "FitResult.plot": "rotorfit.show.plots.fit_plots:FitPlots",
         "KnownStructure.from_ross": "rotorfit.lab.io.shafts.ross_rotor:from_ross",
         "MachineTrend.plot": "rotorfit.studies.monitoring.history_figure:plot_trend",
+        "OperatingTest.plot": "rotorfit.show.plots.measured_plots:OperatingPlots",
         "PerturbationTest.plot": "rotorfit.show.plots.measured_plots:MeasuredPlots",
         "Plan.plot": "rotorfit.studies.planning.plan_figure:plot_plan",
         "Posterior.plot": "rotorfit.show.plots.uncertainty:PosteriorPlots",

@@ -123,6 +123,11 @@ class OperatingSpectra(Observed):
         return 2 * self.coordinate.size
 
     @property
+    def line(self) -> Index:
+        """Cell of each reading."""
+        return np.repeat(np.arange(self.speed.size), self.m**2 // 2)
+
+    @property
     def reading_group(self) -> Index:
         """Group of each reading."""
         return np.repeat(self.group, self.m**2 // 2)

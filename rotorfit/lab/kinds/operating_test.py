@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import ComplexArray, Float, Index, Text
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.blocks.operating import OperatingSpectra, packed
@@ -33,7 +34,7 @@ class OperatingTest(Experiment):
         run: name of the recording, shape ``(R,)`` like all that follow.
         speed: rotative speed, rad/s.
         frequency: middle of the cell, rad/s, positive.
-        plane, direction: of the entry's first signal, ``forward`` or ``backward``.
+        plane, sense: of the entry's first signal, ``forward`` or ``backward``.
         other_plane, other_sense: of the second, which is conjugated.
         power: average cross-periodogram, a two-sided density, m^2/Hz.
         freedom: complex degrees of freedom of the average: how many independent lines of a spectrum it is of.
@@ -55,6 +56,8 @@ class OperatingTest(Experiment):
     )
     reducer: ClassVar[str] = "operating_spectra"
     tells_noise: ClassVar[bool] = True
+
+    plot = Accessor()
 
     frequency: Float
     plane: Text

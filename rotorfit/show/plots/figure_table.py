@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rotorfit.estimators.blocks.observations import Block, Responses, read_at_the_force
+from rotorfit.estimators.blocks.operating import OperatingSpectra
 from rotorfit.estimators.starting.force_balance import stiffness_matrices
 from rotorfit.identify.fitting.headline import leads_of
 from rotorfit.identify.fitting.result import FitResult
@@ -32,6 +33,8 @@ def _kinds(block: Block) -> Iterator[str]:
             yield "stiffness"
     if block.shows_eccentricity:
         yield "impulses" if responses is None else "orbits" if turning else "loads"
+    if isinstance(block, OperatingSpectra):
+        yield "spectra"
     if block.forced_lines:
         yield "spectral lines"
     if turning and responses is not None and responses.model.of_modes:
@@ -74,6 +77,13 @@ FIGURES: tuple[ReportFigure, ...] = (
         "Natural frequencies of poles against how many are looked for, over the size of all responses. Poles of modes "
         "stay where they are, those of noise do not.",
         {"many frequencies of modes"},
+    ),
+    ReportFigure(
+        "Operating vibration",
+        "spectra",
+        "Two-sided spectra of x + jy, forward right of zero, backward left. Points: measured. Lines: fit, in a band "
+        "that 95 % of the points lie in. Grey: orders of the shaft and lines that are left out.",
+        {"spectra"},
     ),
     ReportFigure(
         "Spectral lines",
@@ -135,6 +145,8 @@ def first_figures(fit: FitResult, *, good: bool) -> list[tuple[str, str]]:
         found.append(("largest_response", "Amplitude of the largest response against frequency"))
     if "stiffness" in kinds:
         found.append(("quadrature", "Quadrature stiffness against frequency"))
+    if "spectra" in kinds:
+        found.append(("spectrum", "Spectrum of the operating vibration, forward and backward"))
     if of_seal and fit.speeds.any():
         found.append(("whirl_ratio", "Whirl frequency ratio against speed"))
     elif changes and fit.success:

@@ -18,6 +18,7 @@ from rotorfit.show.plots.eccentricity import plot_law, plot_nonlinear_stiffness
 from rotorfit.show.plots.figure_keywords import PlotKeywords
 from rotorfit.show.plots.figure_table import figures_of
 from rotorfit.show.plots.modal import plot_mode_shapes, plot_stabilisation
+from rotorfit.show.plots.operating import plot_spectra, plot_spectrum
 from rotorfit.show.plots.responses import plot_largest_response, plot_misfit, plot_polar, plot_residuals
 from rotorfit.show.plots.shaft_lines import plot_lines
 from rotorfit.show.plots.stability import plot_damping, plot_stability
@@ -111,6 +112,20 @@ class FitPlots:
     def lines(self, **look: Unpack[PlotKeywords]) -> Figure:
         """Lines of an uneven shaft and its twist against frequency; ``ax`` and ``unit`` as for :meth:`bode`."""
         return plot_lines(self._fit, **look)
+
+    def spectra(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Two-sided spectra of a machine in operation, forward and backward, with those of the fit and its decrements.
+
+        ``ax`` and ``unit`` are as for :meth:`bode`.
+
+        Raises:
+            ValueError: a fit without operating vibration.
+        """
+        return plot_spectra(self._fit, **look)
+
+    def spectrum(self, *, plane: str | None = None, **look: Unpack[PlotKeywords]) -> Figure:
+        """One of :meth:`spectra`, by default of the last plane; ``ax`` and ``unit`` as for :meth:`bode`."""
+        return plot_spectrum(self._fit, plane, **look)
 
     def stability(self, *, beside: FitResult | None = None, **look: Unpack[PlotKeywords]) -> Figure:
         """Eigenvalues against speed, threshold with its interval; ``beside``, of :meth:`rotorfit.FitResult.what_if`, is

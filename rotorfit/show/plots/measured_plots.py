@@ -1,4 +1,4 @@
-"""Figures of a perturbation test before any fit, a method each: ``test.plot.bode()``."""
+"""Figures of a test before any fit, a method each: ``test.plot.bode()``."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from typing import Unpack
 from matplotlib.figure import Figure
 
 from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.kinds.operating_test import OperatingTest
 from rotorfit.show.plots.bode import plot_measured_bode
 from rotorfit.show.plots.figure_keywords import PlotKeywords
 from rotorfit.show.plots.measured_stiffness import plot_measured_stiffness
+from rotorfit.show.plots.operating import plot_coherence, plot_measured_spectra
 from rotorfit.show.plots.responses import plot_measured_polar
 
 
@@ -67,3 +69,28 @@ class MeasuredPlots:
             8
         """
         return plot_measured_stiffness(self._test, planes, against, **look)
+
+
+class OperatingPlots:
+    """Figures of a machine in operation, without a model; ``test.plot()`` is its spectra."""
+
+    def __init__(self, test: OperatingTest) -> None:
+        self._test = test
+
+    def __call__(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """First look: :meth:`spectra`; ``ax`` and ``unit`` as for :meth:`rotorfit.FitResult.plot.bode`."""
+        return self.spectra(**look)
+
+    def spectra(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Two-sided spectra of every plane, forward and backward, with what was left out.
+
+        ``ax`` and ``unit`` are as for :meth:`rotorfit.FitResult.plot.bode`.
+        """
+        return plot_measured_spectra(self._test, **look)
+
+    def coherence(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """How much of the motion backward goes with that forward: supports or forces that are not round show.
+
+        ``ax`` and ``unit`` are as for :meth:`rotorfit.FitResult.plot.bode`.
+        """
+        return plot_coherence(self._test, **look)
