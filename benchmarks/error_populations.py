@@ -313,7 +313,7 @@ def responses(rotor: Rotor, sweep: Sweep, acting: Mapping[str, float], row: Row,
         z = _motion(rotor, sweep, acting, row, w, speed, forced, level)
         turn = acting.get("turned", 0.0) + way * acting.get("phase", 0.0)
         late = acting.get("delay", 0.0) + acting.get("clock", 0.0) * sweep.progress(w)
-        z = z * np.exp(1j * turn - 1j * w * late)[:, None]
+        z = z * (np.exp(1j * turn - 1j * w * late) / (1 + acting.get("high-pass", 0.0) / (1j * w)))[:, None]
         gain, angle = np.array(row.runs) * rng.normal(size=2)
         by_run.append(z * np.exp(acting.get("gain", 0.0)) * (1 + gain) * np.exp(1j * way * angle))
         told.append((speed, level, forced, w))
@@ -570,8 +570,8 @@ def line_of(name: str, row: Row, rigs: int, seed: int) -> tuple[Line, list[Found
 
 
 ALONE = (
-    "K", "gain", "turned", "phase", "delay", "clock", "curve", "damper", "loss", "hysteresis", "gyro", "speed label",
-    "speed[lam]", "speed[K0]", "speed[D]", "drift", "lag", "flex", "probe", "force", "mass", "q",
+    "K", "gain", "turned", "phase", "delay", "high-pass", "clock", "curve", "damper", "loss", "hysteresis", "gyro",
+    "speed label", "speed[lam]", "speed[K0]", "speed[D]", "drift", "lag", "flex", "probe", "force", "mass", "q",
 )  # fmt: skip
 """Beginnings of the names of causes that act alone."""
 BOUNDED = ("turned", "phase", "curve", "speed[lam]", "speed[K0]", "speed[D]", "drift")
@@ -600,6 +600,10 @@ def _rows() -> dict[str, Row]:
         rows[f"{kind}, gains calibrated to 0.5 %, nothing acts"] = Row(kind=kind, gain=0.005)
         rows[f"{kind}, common gain 1.5 %"] = Row(kind=kind, extra={"gain": 0.015})
         rows[f"{kind}, phase reference 2 deg, forward"] = Row(kind=kind, both=False, extra={"phase": math.radians(2)})
+        rows[f"{kind}, AC coupling 0.5 Hz"] = Row(kind=kind, extra={"high-pass": math.pi})
+        rows[f"{kind}, AC coupling 0.5 Hz, not listed"] = Row(
+            kind=kind, extra={"high-pass": math.pi}, out=("high-pass",)
+        )
         rows[f"{kind}, lag 3 deg"] = Row(kind=kind, times={"lag": 1.5})
         for times in (1.0, 5.0):
             rows[f"{kind}, flex at {times:g}, listed"] = Row(kind=kind, times={"flex[journal]": times})

@@ -27,6 +27,7 @@ class CausedResponses(OnResponses):
     way: Float  # share of the way by which it is, shape ``(R,)``
     moved: ComplexArray  # motion beside the rotor's, in units of its readings, shape ``(R,)``
     gain: ComplexArray  # factor of each reading, shape ``(R,)``
+    high_pass: float  # corner of the one that is in it, rad/s
     _seen: Any = field(
         default=None, init=False
     )  # parameter vectors that predictions were last asked for, and what probes without causes read
@@ -66,6 +67,11 @@ class CausedResponses(OnResponses):
         """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
         return self.gain
 
+    @property
+    def corner(self) -> float:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return self.high_pass
+
     def seen_by_probes(self, motion: ComplexArray) -> ComplexArray:
         """See :class:`~rotorfit.estimators.blocks.observations.Asked`: of some between two planes."""
         found = motion[self.base.line, self.base.coordinate]
@@ -75,12 +81,13 @@ class CausedResponses(OnResponses):
         """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
         return replace(self, speed=self.speed * factor)
 
-    def with_readings(self, *, moved: ComplexArray, gain: ComplexArray) -> CausedResponses:
+    def with_readings(self, *, moved: ComplexArray, gain: ComplexArray, corner: float) -> CausedResponses:
         """The same with other motion beside the rotor's and other factors; what was worked out of the rotor goes
         along."""
         found = copy(self)
         object.__setattr__(found, "moved", moved)
         object.__setattr__(found, "gain", gain)
+        object.__setattr__(found, "high_pass", corner)
         return found
 
     def predict(self, theta: Float) -> ComplexArray:

@@ -45,6 +45,11 @@ class Asked(Protocol):
         """Factor of each reading by what a model does not hold, shape ``(R,)``."""
         return 1.0
 
+    @property
+    def corner(self) -> float:
+        """Corner of the high-pass that is in :attr:`by_causes`, rad/s."""
+        return 0.0
+
     def by_values(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
         """Predictions, and their derivatives by the values of each reading's own group, shape ``(R, P)``."""
         return self.predict_jacobian(theta)  # type: ignore[attr-defined,no-any-return]

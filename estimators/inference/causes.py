@@ -115,6 +115,11 @@ class Act:
         """Change of the logarithm of each reading, shape ``(R,)``; nothing for other kinds."""
         return None
 
+    def in_full(self, motion: Motion, size: float) -> ComplexArray | None:
+        """Logarithm of the factor of each reading at a size, shape ``(R,)``; nothing for other kinds."""
+        found = self.of_readings(motion)
+        return None if found is None else size * found
+
     def values_at(self, model: RotorModel, theta: Float, speed: Float | float | None) -> Float | None:
         """Change of parameter vectors ``(..., P)`` at speeds by a unit of the size, without a speed that of the values
         themselves; nothing for other kinds."""
@@ -155,11 +160,16 @@ class OfReadings(Act):
             case "clock":
                 factor = -s * (np.abs(s.imag) - self.middle) / self.half
             case "high-pass":
-                factor = np.where(s != 0, -1 / np.where(s != 0, s, 1.0), 0.0)
+                factor = -np.where(s != 0, 1.0, 0.0) / (np.where(s != 0, s, 1.0) + motion.block.corner)
             case _:  # the curve of a probe
                 size = np.abs(motion.predicted) * self._own(base)
                 factor = (size / max(float(size.max(initial=0.0)), 1e-300)) ** 2 + 0j
         return np.asarray(factor * self._own(base))
+
+    def in_full(self, motion: Motion, size: float) -> ComplexArray | None:
+        """See :class:`Act`."""
+        found = super().in_full(motion, size)  # of a block whose corner is none yet
+        return -np.log1p(-found) if self.how == "high-pass" and found is not None else found
 
     def _own(self, base: Responses) -> Bool | float:
         return base.read_at[self.plane] if self.plane else 1.0
@@ -487,10 +497,13 @@ def block_with_causes(block: Block, theta: Float, causes: Sequence[Cause], sizes
             own = base.coordinate == act.at
             towards[own], way[own] = act.towards, size
     found = replace(found, force=force, stiffness=stiffness, towards=towards, way=way)
-    found = found.with_readings(moved=Motion(block=found, theta=theta).read(beside), gain=found.gain)
+    moved = Motion(block=found, theta=theta).read(beside)
+    found = found.with_readings(moved=moved, gain=found.gain, corner=0.0)
     moving = Motion(block=found, theta=theta)
-    logarithms = [size * part for act, size in acting if (part := act.of_readings(moving)) is not None]
-    return found.with_readings(moved=found.moved, gain=np.exp(np.sum(logarithms, axis=0))) if logarithms else found
+    logarithms = [part for act, size in acting if (part := act.in_full(moving, size)) is not None]
+    gain = np.exp(np.sum(logarithms, axis=0)) if logarithms else found.gain
+    corner = sum(size for act, size in acting if isinstance(act, OfReadings) and act.how == "high-pass")
+    return found.with_readings(moved=moved, gain=gain, corner=corner)
 
 
 def _values_with(block: Responses, acting: Sequence[tuple[Act, float]]) -> CausedResponses:
@@ -510,6 +523,7 @@ def _values_with(block: Responses, acting: Sequence[tuple[Act, float]]) -> Cause
         way=none,
         moved=none.astype(complex),
         gain=np.ones(none.size, dtype=complex),
+        high_pass=0.0,
     )
 
 

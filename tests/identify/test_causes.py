@@ -82,7 +82,7 @@ def test_columns_are_the_derivatives_of_predictions_with_causes(name: str) -> No
 def test_columns_are_the_derivatives_where_all_causes_act(name: str) -> None:
     """What each does beside all others, to an eighth; a speed label leaves out what gyroscopic effects do with it."""
     _, problem, x, causes, size = setting(name)
-    at = size * np.abs(np.random.default_rng(1).normal(size=size.size))
+    at = size * np.abs(np.random.default_rng(2).normal(size=size.size))
     found = columns(with_causes(problem, x, causes, at), x, causes)
     apart = np.linalg.norm((found - by_differences(problem, x, causes, at, size)) * size, axis=0)
     share = dict(zip((c.name for c in causes), apart / np.linalg.norm(found * size, axis=0), strict=True))

@@ -226,6 +226,9 @@ class _Rig:
             return
         yield _cause("phase", "lead of the phase reference", OfReadings(how="phase"), SIZES["phase"], unit="rad")
         yield _cause("delay", "delay of readings behind forces", OfReadings(how="delay"), SIZES["delay"], unit="s")
+        act = OfReadings(how="high-pass")
+        meaning = "corner of a high-pass of first order that all readings are behind"
+        yield _cause("high-pass", meaning, act, SIZES["high-pass"], unit="rad/s", positive=True)
         middle, half = self._sweep
         if half > 0:
             act = OfReadings(how="clock", middle=middle, half=half)

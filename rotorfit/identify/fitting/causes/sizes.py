@@ -29,6 +29,7 @@ NOUNS = {
     "turned": "angle of the probes",
     "phase": "phase reference",
     "delay": "delay of the readings",
+    "high-pass": "AC coupling",
     "clock": "clock of the sweep",
     "curve[]": "curved probe",
     "lead[]": "probe phase",
@@ -81,6 +82,12 @@ SIZES = {
         reason="unequal filters, 0.5 deg at 100 Hz",
         source="c",
         remedy="undo the filters of the channels at reading",
+    ),
+    "high-pass": Size(
+        size=2 * math.pi * 0.5,
+        reason="channels that may be AC-coupled, with a corner of 0.5 Hz",
+        source="c",
+        remedy="record with DC coupling (then causes={'high-pass': 0})",
     ),
     "clock": Size(
         size=math.radians(0.5) / (2 * math.pi * 100),
