@@ -47,6 +47,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.identify.uncertainty.stability.record import StabilityReport as StabilityReport
     from rotorfit.lab.data.balancing import Balance as Balance
     from rotorfit.lab.data.balancing import balance as balance
+    from rotorfit.lab.data.balancing import run_up as run_up
     from rotorfit.lab.data.experiments import PerturbationTest as PerturbationTest
     from rotorfit.lab.data.findings import DataWarning as DataWarning
     from rotorfit.lab.data.findings import Finding as Finding
@@ -94,7 +95,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
 
 _NAMES = {
     "studies.campaigns.campaign": "Campaign campaign",
-    "lab.data.balancing": "Balance balance",
+    "lab.data.balancing": "Balance balance run_up",
     "lab.data.experiments": "PerturbationTest",
     "lab.kinds.coefficient_table": "CoefficientTable",
     "lab.kinds.displacement_test": "DisplacementTest",
@@ -154,6 +155,7 @@ _NAMES = {
 """Public names by the module that they are written in."""
 PROVIDERS.update(
     {
+        "Balance.plot": "rotorfit.show.plots.run_up_figure:plot_balance",
         "Campaign.plot": "rotorfit.studies.campaigns.trend_figure:CampaignPlots",
         "Comparison.plot": "rotorfit.show.plots.estimates:plot_comparison",
         "FitResult.plot": "rotorfit.show.plots.fit_plots:FitPlots",

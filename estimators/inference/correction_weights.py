@@ -38,10 +38,8 @@ def correct(coefficients: ComplexArray, covariance: ComplexArray, importance: Fl
     normal, towards = right @ A, right @ y
     weight = _within(normal, towards, limit)
     at_limit = np.abs(weight) >= limit * (1 - _AT_LIMIT)
-    left = y + A @ weight
+    left, left_error = remaining(coefficients, covariance, weight)
     share = np.concatenate([[1.0], weight])
-    blocks = covariance.reshape(y.size, share.size, y.size, share.size)
-    own = np.einsum("i,cicj,j->c", share, blocks, share.conj()).real
     # Change of the gradient A^H g (y + A w) with the coefficients, and with their conjugates.
     direct = np.einsum("cq,c,i->qci", A.conj(), importance, share)
     folded = np.zeros_like(direct)
@@ -57,9 +55,18 @@ def correct(coefficients: ComplexArray, covariance: ComplexArray, importance: Fl
         weight=weight,
         covariance=np.asarray(answer @ _real(covariance) @ answer.T),
         left=left,
-        left_error=np.sqrt(np.maximum(own, 0.0)),
+        left_error=left_error,
         at_limit=at_limit,
     )
+
+
+def remaining(coefficients: ComplexArray, covariance: ComplexArray, weight: ComplexArray) -> tuple[ComplexArray, Float]:
+    """Vibration that weights leave, ``(C,)``, and the standard deviation of its real and of its imaginary part."""
+    share = np.concatenate([[1.0], weight])
+    count = len(coefficients)
+    blocks = covariance.reshape(count, share.size, count, share.size)
+    own = np.einsum("i,cicj,j->c", share, blocks, share.conj()).real
+    return coefficients @ share, np.sqrt(np.maximum(own, 0.0))
 
 
 def own_shares(influence: ComplexArray, importance: Float) -> Float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import rotorfit as rf
@@ -37,6 +38,19 @@ def test_the_command_writes_tables(tmp_path: Path, capsys: pytest.CaptureFixture
     assert '"mr_g_mm": 15.3' in capsys.readouterr().out
     assert {"readings.csv", "summary.txt", "weights.csv"} <= {path.name for path in (tmp_path / "out").iterdir()}
     assert (tmp_path / "out" / "weights.csv").read_text().startswith("plane,mr_g_mm,mr_low_g_mm")
+
+
+def test_given_weights_are_put_in_and_what_remains_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["balance", str(rf.datasets.path("field_balance.csv")), "--constant", "sigma_mil_pp=0.02"]
+    out = tmp_path / "out"
+    given = ["--weights", "aft=10@40,aft=5@100,fwd=3@270"]
+    assert cli.main([*words, *given, "--out", str(out)]) == 0
+    table = capsys.readouterr().out
+    total = 10 * np.exp(1j * np.radians(40)) + 5 * np.exp(1j * np.radians(100))
+    assert f"{abs(total):.4g}" in table
+    assert (out / "vibration.png").stat().st_size > 10_000
+    assert cli.main([*words, "--weights", "aft=10"]) == 2
+    assert "PLANE=G_MM@DEG" in capsys.readouterr().err
 
 
 def test_an_error_of_the_readings_stands_before_the_weights(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

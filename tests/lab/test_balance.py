@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from kept_weights import MORE, Complex, best_weights, held, random_rig, runs
@@ -135,6 +137,77 @@ def test_a_probe_that_one_trial_run_lacks_keeps_what_is_known_of_it() -> None:
     # readings of today give its level; what the second weight does to it stays unknown
     today = whole.select(whole.run == whole.runs[0])
     assert np.isnan(rf.balance(known, today).expected).sum() == 2
+
+
+def start_ups(
+    rng: np.random.Generator, sigma: float
+) -> tuple[rf.PerturbationTest, Callable[[float, complex], complex]]:
+    """A rotor of one mode, run up without and with a weight, and its vibration by speed, rad/s, and weight, kg m."""
+    natural, damping, own = 180.0, 0.04, 2.5e-5 * np.exp(1.2j)
+
+    def vibration(speed: float, weight: complex) -> complex:
+        return complex((own + weight) / 2.0 * speed**2 / (natural**2 - speed**2 + 2j * damping * natural * speed))
+
+    speed = np.arange(300.0, 3001.0, 20.0) * np.pi / 30
+    parts = []
+    for name, weight in (("reference", 0.0), ("trial", 2e-5)):
+        noise = sigma * (rng.normal(size=speed.size) + 1j * rng.normal(size=speed.size))
+        parts.append(
+            rf.PerturbationTest(
+                run=np.full(speed.size, name),
+                speed=speed,
+                frequency=speed,
+                force_plane=np.full(speed.size, "aft"),
+                force=(weight * speed**2).astype(complex),
+                plane=np.full(speed.size, "aft"),
+                direction=np.full(speed.size, "x"),
+                response=np.array([vibration(v, weight) for v in speed.tolist()]) + noise,
+                sigma=np.full(speed.size, sigma),
+            )
+        )
+    return rf.join_runs(parts, difference=False), vibration
+
+
+def test_a_run_up_with_given_weights_is_that_of_the_rotor_within_its_band() -> None:
+    inside, weight = [], 1.7e-5 * np.exp(-1.7j)
+    for seed in range(4):
+        test, vibration = start_ups(np.random.default_rng(seed), 1e-7)
+        found = rf.run_up(test, {"aft": weight})
+        assert found.speed.size == 64
+        truth = np.array([vibration(v, weight) for v in found.speed.tolist()])
+        off = (found.expected - truth) / found.stderr
+        inside += [*(np.abs(off.real) < 1.96), *(np.abs(off.imag) < 1.96)]
+        before = np.array([vibration(v, 0.0) for v in found.speed.tolist()])
+        np.testing.assert_allclose(found.before, before, atol=6e-7)
+    # a curve of 64 points has some 4 x 64 independent ones, the 0.1 % point of the binomial; neighbours share readings
+    assert np.mean(inside) > 0.90
+    figure = found.plot()
+    assert [line.get_label() for line in figure.axes[0].lines] == ["as it is", "with the weights"]
+
+
+def test_weights_of_whole_pieces_leave_the_least_of_all_that_can_be_mounted() -> None:
+    rng = np.random.default_rng(3)
+    influences = rf.influence(runs(rng, *random_rig(rng), given=True))
+    ideal = rf.balance(influences, holes=12)
+    piece = 0.3 * min(abs(ideal.weight))
+    found = rf.balance(influences, holes=12, smallest=piece)
+    put = {plane: sum(mr * np.exp(1j * at) for at, mr in pair) for plane, pair in found.holes.items()}
+    for pair in found.holes.values():
+        for _, mr in pair:
+            assert mr / piece == pytest.approx(round(mr / piece), abs=1e-9)
+    same = rf.balance(influences, weights=put)
+    np.testing.assert_allclose(same.expected, found.expected, rtol=1e-9)
+    least = np.sum(np.abs(found.expected) ** 2)
+    assert least > np.sum(np.abs(ideal.expected) ** 2)
+    for plane, pair in ideal.holes.items():  # rounded down, as a fitter would
+        down = sum(np.floor(mr / piece) * piece * np.exp(1j * at) for at, mr in pair)
+        assert np.sum(np.abs(rf.balance(influences, weights={**put, plane: down}).expected) ** 2) >= least * (1 - 1e-9)
+    with refuses(ValueError):
+        rf.balance(influences, weights=put, holes=12)
+    with refuses(ValueError):
+        rf.balance(influences, holes=12, smallest=-1e-6)
+    with refuses(ValueError):
+        rf.balance(influences, weights={"middle": 1e-5})
 
 
 def test_run_out_of_start_ups_is_said_to_stay_in_or_to_be_out() -> None:

@@ -17,7 +17,7 @@ from rotorfit.base.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 from rotorfit.identify.diagnosis.check import check
 from rotorfit.identify.options.kinds import number_word, pairs
 from rotorfit.identify.options.kinds import words as comma_words
-from rotorfit.lab.data.balancing import Balance
+from rotorfit.lab.data.balancing import Balance, run_up
 from rotorfit.lab.data.balancing import balance as balanced
 from rotorfit.lab.data.experiments import PerturbationTest, perturbations
 from rotorfit.lab.data.findings import errors_in
@@ -69,13 +69,17 @@ def add_balance(to: argparse.ArgumentParser) -> None:
     option(to, "--max-g-mm [PLANE=]G_MM ...", words)
     words = "split weights over N even holes, the first at zero degrees of force_phase_deg"
     option(to, "--holes [PLANE=]N ...", words)
-    add_output(to, "weights.csv, readings.csv and summary.txt")
+    words = "smallest weight that can be mounted, of every plane or of one: weights are whole multiples of it"
+    option(to, "--smallest-g-mm [PLANE=]G_MM ...", words)
+    words = "what remains with these, angles as force_phase_deg; in two holes of a plane: A=300@210,A=200@225"
+    option(to, "--weights PLANE=G_MM@DEG,... ...", words)
+    add_output(to, "weights.csv, readings.csv, summary.txt, and of start-ups the curve over speed", figures=True)
 
 
 @answered
 def balance(options: argparse.Namespace) -> Answer:
     """Weights, and how the rotor will vibrate with them."""
-    influences, found = _balance(options)
+    test, influences, found = _balance(options)
     errors = errors_in(check(influences.measured))
     text = f"influences of weights, +- are standard errors\n{influences}\n\n{found}"
     text = "\n".join([*(f"ERROR in the data: {words}" for words in errors), text])
@@ -85,6 +89,7 @@ def balance(options: argparse.Namespace) -> Answer:
             "weights.csv": records_csv(_weights(found)),
             "readings.csv": records_csv(_readings(found)),
             "summary.txt": f"{text}\n",
+            **_curve(test, found, options),
         },
         plain=lambda: {"errors": list(errors), **_plain(found)},
         warned=found.remarks,
@@ -93,7 +98,7 @@ def balance(options: argparse.Namespace) -> Answer:
     )
 
 
-def _balance(options: argparse.Namespace) -> tuple[Influences, Balance]:
+def _balance(options: argparse.Namespace) -> tuple[PerturbationTest, Influences, Balance]:
     def weight(word: str) -> float:
         """A weight in g mm as kg m."""
         if not number_word(word) > 0:
@@ -107,8 +112,45 @@ def _balance(options: argparse.Namespace) -> tuple[Influences, Balance]:
 
     limits, holes = _by_plane("--max-g-mm", options.max_g_mm, weight), _by_plane("--holes", options.holes, count)
     speeds = [number_word(one) * RAD_S_PER_RPM for one in options.speeds] if options.speeds else None
-    influences = influence(_joined_runs(options), speeds)
-    return influences, balanced(influences, options.reference, planes=options.planes, limits=limits, holes=holes)
+    smallest = _by_plane("--smallest-g-mm", options.smallest_g_mm, weight)
+    test = _joined_runs(options)
+    influences = influence(test, speeds)
+    found = balanced(
+        influences,
+        options.reference,
+        planes=options.planes,
+        limits=limits,
+        holes=holes,
+        smallest=smallest,
+        weights=_given_weights(options.weights),
+    )
+    return test, influences, found
+
+
+def _given_weights(words: Sequence[str]) -> dict[str, complex] | None:
+    """Weights by plane, kg m; those of one plane in several holes added up."""
+    found: dict[str, complex] = {}
+    for word in (part.strip() for one in words for part in one.split(",")):
+        plane, equals, value = word.rpartition("=")
+        size, at, angle = value.partition("@")
+        if not (equals and plane and at):
+            raise ValueError(f"--weights takes PLANE=G_MM@DEG, A=500@210; got {word!r}")
+        try:
+            put = number_word(size) * 1e-6 * complex(np.exp(1j * np.radians(number_word(angle))))
+        except ValueError as problem:
+            raise ValueError(f"--weights {word}: {problem}") from problem
+        found[plane.strip()] = found.get(plane.strip(), 0j) + put
+    return found or None
+
+
+def _curve(test: PerturbationTest, found: Balance, options: argparse.Namespace) -> dict[str, Any]:
+    """Table and figure of the vibration before and after: of start-ups over all their speeds."""
+    from rotorfit.show.plots.style import picture_of
+
+    kind = options.figure_format
+    over = run_up(test, found, options.reference) if options.speeds else found
+    table = {"run_up.csv": records_csv(_readings(over))} if options.speeds else {}
+    return {**table, f"vibration.{kind}": picture_of(over.plot(), kind)}
 
 
 def _by_plane(option: str, given: Sequence[str], parse: Callable[[str], Any]) -> Any:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
 
+from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import ROUND_OFF, ComplexArray, Float, Index
 from rotorfit.base.digits import significant
 from rotorfit.base.names import unknown_name
@@ -17,9 +18,10 @@ from rotorfit.base.significance import quantile
 from rotorfit.base.text_table import Printed, text_table
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
-from rotorfit.estimators.inference.correction_weights import Correction, confounded, correct, own_shares
+from rotorfit.estimators.inference.correction_weights import Correction, confounded, correct, own_shares, remaining
 from rotorfit.lab.data.experiments import PerturbationTest
-from rotorfit.lab.data.weights import Influences
+from rotorfit.lab.data.synchronous import covered_speeds
+from rotorfit.lab.data.weights import MOST_DWELLS, Influences, influence
 
 Limits = float | Mapping[str, float]
 """Largest mass-radius product, kg m, of every plane or by plane."""
@@ -44,7 +46,8 @@ class Balance(Printed):
         importance: weight of each reading in the sum of squares that is made small, one on average.
         stderr: standard error of each of its real and imaginary part, another mounting's scatter included, m.
         at_limit: planes whose weight is as large as it may be.
-        holes: for each plane with holes the angle, rad, and the amount, kg m, of the two weights to put in.
+        holes: for each plane with holes, or with a smallest weight, the angle, rad, and the amount, kg m, of each
+            weight to put in.
         remarks: sentences on what the weights rest on.
     """
 
@@ -61,6 +64,8 @@ class Balance(Printed):
     at_limit: tuple[str, ...]
     holes: Mapping[str, tuple[tuple[float, float], ...]]
     remarks: tuple[str, ...]
+
+    plot = Accessor()
 
     def interval(self, plane: str, level: float = 0.95) -> tuple[tuple[float, float], tuple[float, float]]:
         """Intervals of a weight's size and of its angle, each by itself.
@@ -93,7 +98,7 @@ class Balance(Printed):
         lines += text_table(self._weight_rows(), "<14 >12 <12 >10 <10 >10 <20")
         for plane, pair in self.holes.items():
             put = (f"{significant(mr * 1e6, 4)} g mm at {significant(np.degrees(at) % 360, 5)} deg" for at, mr in pair)
-            lines.append(f"in holes of {plane}: {' and '.join(put)}")
+            lines.append(f"to mount in {plane}: {' and '.join(put) or 'nothing'}")
         rows = [["probe", "rpm", "before, um 0-pk", "expected", ""]]
         for k, (plane, direction) in enumerate(self.readings):
             known = np.isfinite(self.expected[k])
@@ -115,13 +120,14 @@ class Balance(Printed):
             size, angle = abs(self.weight[place]) * 1e6, float(np.degrees(np.angle(self.weight[place])))
             (_, high), (_, late) = self.interval(plane)
             reach, turn = high * 1e6 - size, float(np.degrees(late)) - angle
-            reached = "" if plane in self.at_limit else _reach(reach)
+            exact = plane in self.at_limit or not np.nan_to_num(self.covariance, nan=1.0).any()
+            reached = "" if exact else _reach(reach)
             row = [
                 plane,
                 significant(size, 4),
                 reached,
                 f"{angle % 360:.1f}",
-                _reach(turn, 180.0),
+                "" if exact and plane not in self.at_limit else _reach(turn, 180.0),
                 f"{-angle % 360:.1f}",
             ]
             rows.append([*row, "at its limit" if plane in self.at_limit else ""])
@@ -142,6 +148,8 @@ def balance(
     planes: Sequence[str] | None = None,
     limits: Limits | None = None,
     holes: Holes | None = None,
+    smallest: Limits | None = None,
+    weights: Mapping[str, complex] | None = None,
 ) -> Balance:
     """Correction weights that make the vibration as small as they can, by least squares over all readings.
 
@@ -158,6 +166,10 @@ def balance(
         limits: largest mass-radius product, kg m, of each plane or by plane.
         holes: number of holes (the first at zero degrees of ``force_phase_deg``) or their angles, degrees, of each
             plane or by plane: weights are split over the two holes beside their angle.
+        smallest: smallest mass-radius product that can be mounted, kg m, of each plane or by plane: weights are whole
+            multiples of it. ``expected`` is then what remains with these.
+        weights: mass-radius products ``m r exp(j delta)`` that are put in, kg m, by plane, in place of the best ones;
+            ``expected`` is what remains with them.
 
     Returns:
         weights with intervals, vibration expected with its error, and remarks: planes that act alike, what no error is
@@ -173,6 +185,11 @@ def balance(
         >>> weights.planes, weights.at_limit
         (('disk2',), ('disk2',))
     """
+    if weights is not None and not (planes is None and limits is None and holes is None and smallest is None):
+        raise ValueError(
+            "weights that are given need no planes, limits, holes or smallest one: they are put in as they are"
+        )
+    planes = planes if weights is None else tuple(weights)
     chosen = tuple(influences.planes if planes is None else dict.fromkeys(planes))
     if not chosen:
         raise ValueError(f"no plane to put weights in; tried were {', '.join(influences.planes)}")
@@ -185,7 +202,7 @@ def balance(
     cells = np.flatnonzero(np.isfinite(everything).all(axis=1))
     places = (cells[:, None] * whole.coefficients.shape[1] + kept).reshape(-1)
     coefficients, covariance = everything[cells], whole.covariance[np.ix_(places, places)]
-    if len(cells) < len(chosen):
+    if weights is None and len(cells) < len(chosen):
         raise ValueError(
             f"weights in {len(chosen)} planes, {', '.join(chosen)}, cannot be determined from {len(cells)} "
             f"reading{'s' * (len(cells) != 1)}; balance in fewer planes, or read more probes or speeds"
@@ -197,15 +214,23 @@ def balance(
     given = whole.given[cells] if np.isfinite(whole.given[cells]).all() else np.ones(len(cells))
     importance = np.asarray(given**-2 / np.mean(given**-2))
     remarks += _alike(chosen, coefficients[:, 1:], importance)
-    limit = _limits(chosen, limits)
-    found = correct(coefficients, covariance, importance, limit)
+    if weights is not None:
+        found = _of_given(np.array([complex(weights[plane]) for plane in chosen]), coefficients, covariance)
+    else:
+        found = correct(coefficients, covariance, importance, _limits("limits", chosen, limits))
     mounting = np.nan_to_num(whole.mounting[cells])
     out, count = np.flatnonzero(np.isnan(everything).any(axis=1)), len(everything)
-    expected = np.where(np.abs(found.left) < ROUND_OFF * np.abs(coefficients[:, 0]).max(), 0.0, found.left)
     remarks += (influences.run_out,) if "stays in" in influences.run_out else ()
     remarks += _uncontrolled(influences, whole, out, chosen)
-    weights = dict(zip(chosen, found.weight.tolist(), strict=True))
-    given_holes = {} if holes is None else _by_plane("holes", holes, chosen)
+    in_holes = _in_holes(chosen, found.weight, {} if holes is None else _by_plane("holes", holes, chosen))
+    left, left_error = found.left, found.left_error
+    if smallest is not None:
+        pieces = _limits("smallest", chosen, smallest)
+        in_holes = _of_pieces(chosen, found.weight, in_holes, pieces, coefficients, importance)
+        mounted = np.array([sum(mr * np.exp(1j * at) for at, mr in in_holes[plane]) for plane in chosen], dtype=complex)
+        left, left_error = remaining(coefficients, covariance, mounted)
+        remarks += ("expected is what remains with these weights, whole multiples of the smallest one",)
+    expected = np.where(np.abs(left) < ROUND_OFF * np.abs(coefficients[:, 0]).max(), 0.0, left)
     at_limit = tuple(plane for plane, there in zip(chosen, found.at_limit.tolist(), strict=True) if there)
     return Balance(
         planes=chosen,
@@ -217,9 +242,9 @@ def balance(
         before=everything[:, 0],
         expected=_at(cells, expected, count, np.nan),
         importance=_at(cells, importance, count, 0.0),
-        stderr=_at(cells, np.hypot(found.left_error, mounting), count, np.nan),
+        stderr=_at(cells, np.hypot(left_error, mounting), count, np.nan),
         at_limit=at_limit,
-        holes={plane: _over_holes(plane, weights[plane], _angles(plane, some)) for plane, some in given_holes.items()},
+        holes=in_holes,
         remarks=(*remarks, *_unknown(found, whole.mounting[cells])),
     )
 
@@ -234,6 +259,51 @@ class _State:
     given: Float  # noise that was given with each, m, NaN where it was not
     mounting: Float  # scatter of each between mountings, m, NaN where it is not known
     remarks: tuple[str, ...]
+
+
+def run_up(test: PerturbationTest, weights: Mapping[str, complex] | Balance, reference: str | None = None) -> Balance:
+    """Vibration over the speeds of start-ups as it is, and as it will be with weights, at every probe.
+
+    Args:
+        test: start-ups, not differenced, as for :func:`influence` with ``speeds``.
+        weights: mass-radius products by plane, kg m, as for :func:`balance`, or what that found.
+        reference: run whose weights stay in; None is the rotor without any weight.
+
+    Returns:
+        the weights as they were given, with the vibration at 64 speeds that all runs went through.
+
+    Raises:
+        ValueError: the runs have no speeds in common, or what :func:`influence` and :func:`balance` refuse.
+    """
+    given = dict(zip(weights.planes, mounted_of(weights), strict=True)) if isinstance(weights, Balance) else weights
+    points = 64  # speeds of a curve, as many as a figure shows
+    of_runs = [test.speed[test.run == run] for run in test.runs]
+    low, high = max(speed.min() for speed in of_runs), min(speed.max() for speed in of_runs)
+    if not low < high:
+        raise ValueError(f"{test.source or 'the test'}: its runs have no speeds in common")
+    speeds = covered_speeds(test, np.linspace(low, high, points))
+    parts = [
+        balance(influence(test, speeds[k : k + MOST_DWELLS]), reference, weights=given)
+        for k in range(0, speeds.size, MOST_DWELLS)
+    ]
+    joined: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name in ("speed", "before", "expected", "importance", "stderr")
+    }
+    return replace(
+        parts[0],
+        freedom=min(part.freedom for part in parts),
+        readings=tuple(reading for part in parts for reading in part.readings),
+        remarks=(),
+        **joined,
+    )
+
+
+def mounted_of(found: Balance) -> list[complex]:
+    """Weights as they are mounted: those in holes, else as they were found."""
+    weights = zip(found.planes, found.weight.tolist(), strict=True)
+    put = found.holes
+    return [sum((mr * np.exp(1j * at) for at, mr in put[p]), 0j) if p in put else own for p, own in weights]
 
 
 def _state(influences: Influences, reference: str | PerturbationTest | None) -> _State:
@@ -347,13 +417,63 @@ def _by_plane(option: str, given: Any, planes: Sequence[str]) -> Mapping[str, An
     return found
 
 
-def _limits(planes: Sequence[str], limits: Limits | None) -> Float:
-    given = _by_plane("limits", np.inf if limits is None else limits, planes)
+def _of_given(weight: ComplexArray, coefficients: ComplexArray, covariance: ComplexArray) -> Correction:
+    """Weights that are put in, which have no error."""
+    left, left_error = remaining(coefficients, covariance, weight)
+    return Correction(
+        weight=weight,
+        covariance=np.zeros((2 * weight.size, 2 * weight.size)),
+        left=left,
+        left_error=left_error,
+        at_limit=np.zeros(weight.size, dtype=bool),
+    )
+
+
+def _in_holes(
+    planes: Sequence[str], weight: ComplexArray, holes: Mapping[str, Any]
+) -> dict[str, tuple[tuple[float, float], ...]]:
+    own = dict(zip(planes, weight.tolist(), strict=True))
+    return {plane: _over_holes(plane, own[plane], _angles(plane, some)) for plane, some in holes.items()}
+
+
+def _of_pieces(
+    planes: Sequence[str],
+    weight: ComplexArray,
+    holes: Mapping[str, tuple[tuple[float, float], ...]],
+    pieces: Float,
+    coefficients: ComplexArray,
+    importance: Float,
+) -> dict[str, tuple[tuple[float, float], ...]]:
+    """Amounts in the holes, or at the angle of a plane without, that are whole multiples of the smallest one, each
+    rounded up or down so that together they leave least."""
+    places: list[tuple[int, float, float]] = []  # plane, angle and amount of each
+    for at, (plane, own) in enumerate(zip(planes, weight.tolist(), strict=True)):
+        places += [(at, turn, mr) for turn, mr in holes.get(plane, ((float(np.angle(own)), abs(own)),))]
+    choices = []
+    for at, _, mr in places:
+        piece = pieces[at]
+        down = np.floor(mr / piece) * piece if np.isfinite(piece) else mr
+        choices.append((down, down + piece) if np.isfinite(piece) else (mr,))
+    best, least = tuple(own[0] for own in choices), np.inf
+    for amounts in product(*choices):
+        mounted = np.zeros(len(planes), dtype=complex)
+        for (at, turn, _), mr in zip(places, amounts, strict=True):
+            mounted[at] += mr * np.exp(1j * turn)
+        left = float(importance @ np.abs(coefficients @ np.concatenate([[1.0], mounted])) ** 2)
+        if left < least:
+            best, least = amounts, left
+    found: dict[str, tuple[tuple[float, float], ...]] = dict.fromkeys(planes, ())
+    for (at, turn, _), mr in zip(places, best, strict=True):
+        if mr > 0:
+            found[planes[at]] += ((turn, float(mr)),)
+    return found
+
+
+def _limits(option: str, planes: Sequence[str], limits: Limits | None) -> Float:
+    given = _by_plane(option, np.inf if limits is None else limits, planes)
     for plane, limit in given.items():
         if not limit > 0:
-            raise ValueError(
-                f"limits: the largest mass-radius product at {plane} must be above zero, kg m; got {limit}"
-            )
+            raise ValueError(f"{option}: the mass-radius product at {plane} must be above zero, kg m; got {limit}")
     return np.array([float(given.get(plane, np.inf)) for plane in planes])
 
 

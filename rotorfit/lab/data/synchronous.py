@@ -124,6 +124,15 @@ def at_speeds(test: PerturbationTest, speeds: Float) -> PerturbationTest:
     return join(parts)
 
 
+def covered_speeds(test: PerturbationTest, speeds: Float) -> Float:
+    """Those of some speeds, rad/s, that every channel of every run was sampled about."""
+    for run in test.runs:
+        rows = np.flatnonzero(test.run == run)
+        for own, _ in _channels(test, rows, rows):
+            speeds = speeds[_covered(speeds, test.speed[own])]
+    return speeds
+
+
 def uneven_weights(test: PerturbationTest) -> list[str]:
     """Pairs of start-ups with the weight at opposite angles whose weights differ, in words. The difference of their
     responses is divided by the sum of their weights: where one weight was turned, and is given twice the size in one of
