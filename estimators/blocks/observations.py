@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -175,6 +175,32 @@ class Asked(Protocol):
             predicted: what is predicted for them.
         """
         return self  # type: ignore[return-value]
+
+    @property
+    def force_spectra(self) -> tuple[str, ...]:
+        """Names of what the spectrum of a force that was not measured may be, the one that is taken first."""
+        return ()
+
+    def with_force_spectrum(self, name: str) -> Block:
+        """The same with another of :attr:`force_spectra`.
+
+        Args:
+            name: of it; none leaves the block as it is.
+        """
+        return self  # type: ignore[return-value]
+
+    @property
+    def own_unknowns(self) -> int:
+        """Numbers that are fitted inside for every parameter vector."""
+        return 0
+
+    def doubts(self, predicted: ComplexArray) -> Iterator[tuple[str, str]]:
+        """What its readings show that its model does not hold: codes and sentences.
+
+        Args:
+            predicted: of the best fit.
+        """
+        return iter(())
 
     @property
     def normal(self) -> bool:

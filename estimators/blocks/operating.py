@@ -12,13 +12,15 @@ vector: what a fit sees is the profile of the likelihood, and derivatives that a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from rotorfit.base.array_types import RANK_TOLERANCE, ComplexArray, Float, Index
+from rotorfit.base.digits import significant
+from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.blocks.observations import Observed, Responses
 from rotorfit.estimators.blocks.response import dynamic_stiffness, inverse, known_lines
 from rotorfit.estimators.blocks.row_keys import rows_by
@@ -141,6 +143,76 @@ class OperatingSpectra(Observed):
     def normal(self) -> bool:
         """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
         return False
+
+    @property
+    def force_spectra(self) -> tuple[str, ...]:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`: one slope for all planes where there is one."""
+        others = (one for one in SHAPES if one != self.shape and (one.slope != "planes" or len(self.model.planes) > 1))
+        return tuple(map(str, (self.shape, *others)))
+
+    def with_force_spectrum(self, name: str) -> OperatingSpectra:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        if not name:
+            return self
+        return replace(self, shape=next(one for one in SHAPES if str(one) == name), found={})
+
+    @property
+    def own_unknowns(self) -> int:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return sum(part.size for cells in self._cells for part in self._spectra(cells))
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return (f"the spectrum of the force was not measured: {self.shape} was taken, by BIC",)
+
+    def doubts(self, predicted: ComplexArray) -> Iterator[tuple[str, str]]:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`: residuals of bands, and what motion forward and
+        backward has in common."""
+        inside = unpacked(self.weighed(predicted).unmixed(predicted - self.measured), self.m)  # sqrt(nu) (1 - ratio)
+        neighbours, large, beyond = 20, 1.4, 4.0  # cells of a band; mean square; standard deviations. Good fits: 1.25
+        n = self.m // 2
+        for cells in self._cells:
+            own = -np.einsum("cii->c", inside[cells]).real / np.sqrt(self.m)
+            bands = own[: own.size // neighbours * neighbours].reshape(-1, neighbours).sum(axis=1)
+            size = float(np.mean(bands**2) / neighbours) if bands.size else 1.0
+            rpm = self.speed[cells[0]] * RPM_PER_RAD_S
+            if size > large:
+                worst = int(np.argmax(np.abs(bands))) * neighbours
+                low, high = self.frequency[cells[[worst, worst + neighbours - 1]]] / (2 * np.pi)
+                yield (
+                    "band-residual",
+                    f"at {rpm:.0f} rpm the spectra miss the measured ones over whole bands (mean square "
+                    f"{significant(size, 2)}, noise leaves 1), most from {low:.1f} to {high:.1f} Hz: the force, the "
+                    "floor or the rotor is not as assumed, and decrements and threshold may be off by more than their "
+                    "errors. Leave that band out (band_hz=), or fit a model with more modes",
+                )
+            coherence = float(np.mean(np.abs(inside[cells][:, :n, n:]) ** 2))
+            spread = np.sqrt(1 / (n * n * cells.size))
+            if coherence > 1 + beyond * spread:
+                yield (
+                    "rotary-coherence",
+                    f"at {rpm:.0f} rpm forward and backward motion have something in common "
+                    f"({significant(coherence, 3)} times what chance leaves, 1 +- {significant(spread, 1)}): the rotor "
+                    "or the force is not the same in x and y, and decrements of sharp modes are too small then. See "
+                    "whether the sensitivities of x and y are right, then the supports",
+                )
+
+    @property
+    def independent(self) -> bool:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`: entries of a cell's matrix err together."""
+        return False
+
+    @property
+    def line(self) -> Index:
+        """Cell of each reading."""
+        return np.repeat(np.arange(self.frequency.size), self.m**2 // 2)
+
+    def drawn(self, noise: ComplexArray) -> ComplexArray:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`: as averages of many lines have it, normal."""
+        root: ComplexArray = np.asarray(np.linalg.inv(inverse_root(unpacked(self.measured, self.m))), dtype=complex)
+        over = np.sqrt(self.degrees)[:, None, None]
+        return packed(root @ unpacked(noise, self.m) @ _adjoint(root) / over)
 
     # ---- likelihood --------------------------------------------------------------------------------------------------
 

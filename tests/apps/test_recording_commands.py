@@ -7,8 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_words import RIG, Run, refused
 from recorded import ATTRIBUTES, RATE, shaft_angle, volts, write_hdf5
 from sentences import hear, refuses
+from turbulence import ONE_MODE, written
 
 import rotorfit as rf
 from rotorfit.apps.cli.main import main
@@ -115,3 +117,14 @@ def test_look_says_what_is_wrong_with_a_recording(tmp_path: Path, capsys: pytest
     whole.write_bytes(whole.read_bytes()[:5000])
     assert main(["look", str(whole)]) == 2
     assert "run.h5 is not a readable HDF5 file: " in capsys.readouterr().err
+
+
+def test_a_machine_in_operation_is_fitted_and_tables_are_refused(run: Run, tmp_path: Path) -> None:
+    file = written(tmp_path / "run.h5", minutes=1.0)
+    known = [word for name in ("M", "K", "Ds") for word in ("--known", f"{name}={ONE_MODE[name]}")]
+    code, out, _ = run("fit", str(file), "--operating", "--model", "one-mode", *known, "--out", str(tmp_path / "out"))
+    assert code == 0
+    assert "operating vibration" in out
+    fit = rf.load_fit(tmp_path / "out" / "fit.json")
+    assert abs(fit.params["lam"].value - ONE_MODE["lam"]) < 4 * fit.params["lam"].stderr
+    hear(refused(run("fit", RIG, "--operating", "--model", "whirl-whip")))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +57,29 @@ def test_a_rotor_that_is_not_stable_has_no_spectra(test: rf.OperatingTest) -> No
     mirror = np.array([ONE_MODE[name] for name in problem.space.names])
     mirror[problem.space.names.index("lam")] = 0.6  # beyond its threshold at this speed
     assert not np.isfinite(problem.cost(mirror))
+
+
+def test_the_spectrum_of_the_force_is_chosen_and_kept(test: rf.OperatingTest, tmp_path: Path) -> None:
+    assert rf.fit(MODEL, test, known=KNOWN, causes=None).settings.force_spectrum == "white"
+    red = replace(test, power=test.power * (2 * np.pi * 10 / test.frequency))  # force and floor fall as 1/f
+    fit = rf.fit(MODEL, red, known=KNOWN, causes=None)
+    assert fit.settings.force_spectrum.startswith("power")
+    threshold, true = fit.threshold_speed(), threshold_speed(MODEL, MODEL.vector(ONE_MODE))
+    assert true is not None
+    assert abs(threshold.value - true.speed) < 3 * threshold.stderr
+    fit.save(tmp_path / "fit.json")
+    again = rf.load_fit(tmp_path / "fit.json")
+    assert again.settings.force_spectrum == fit.settings.force_spectrum
+    np.testing.assert_allclose(again.redchi, fit.redchi, rtol=1e-6)
+
+
+def test_what_the_rotor_cannot_be_is_warned_of(test: rf.OperatingTest) -> None:
+    assert not {finding.code for finding in rf.fit(MODEL, test, known=KNOWN, causes=None).notices}
+    hump = 1 + 4 * np.exp(-0.5 * ((test.frequency / (2 * np.pi) - 8.0) / 1.5) ** 2)  # another structure's mode
+    humped = rf.fit(MODEL, replace(test, power=test.power * hump), known=KNOWN, causes=None)
+    assert "band-residual" in {finding.code for finding in humped.notices}
+    taller = recorded(MODEL, ONE_MODE, np.array([200.0]), minutes=10, seed=1, taller=1.2)
+    assert "rotary-coherence" in {f.code for f in rf.fit(MODEL, taller, known=KNOWN, causes=None).notices}
 
 
 def test_it_is_written_and_read(test: rf.OperatingTest, tmp_path: Path) -> None:

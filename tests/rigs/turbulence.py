@@ -59,9 +59,11 @@ def recorded(
     floor: float = 30.0,
     top: float = 45.0,
     width: float = 0.2,
+    taller: float = 1.0,
     planes: tuple[str, ...] | None = None,
 ) -> OperatingTest:
-    """The test of recordings at some speeds, rad/s, with a white floor so many dB under the highest peak."""
+    """The test of recordings at some speeds, rad/s, with a white floor so many dB under the highest peak; ``taller``:
+    gain of the y probes over that of the x probes."""
     tests = []
     for number, speed in enumerate(speeds):
         size = int(60 * minutes * rate)
@@ -70,7 +72,7 @@ def recorded(
         clean = averaged(z, rate, band=(1.0, top), width=1.0)
         level = np.einsum("cii->ci", clean.power).real.max(axis=0).reshape(2, -1).max(axis=0) / 10 ** (floor / 10)
         noise = rng.normal(size=(2, *z.shape)) * np.sqrt(level * rate / 2)[:, None]
-        cells = averaged(z + noise[0] + 1j * noise[1], rate, band=(1.0, top), width=width)
+        cells = averaged(z.real + noise[0] + 1j * taller * (z.imag + noise[1]), rate, band=(1.0, top), width=width)
         tests.append(operating_test(f"run {number + 1}", speed, model.planes, cells, {}, ""))
     test = join(tests)
     return test if planes is None else test.select(np.isin(test.plane, planes) & np.isin(test.other_plane, planes))

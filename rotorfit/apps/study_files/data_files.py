@@ -69,6 +69,7 @@ class RecordingFiles:
     where: Mapping[str, Wanted] = field(default_factory=dict)  # vectors to keep, see :func:`rotorfit.read`
     exclude: Mapping[str, Wanted] = field(default_factory=dict)  # vectors to leave out
     stator: Mapping[str, float] = field(default_factory=dict)  # see :func:`rotorfit.read`
+    operating: bool = False  # reduce them to spectra of a machine in operation
     lines: bool = False  # reduce them to the combination lines of a shaft that is not round
     runout_um: float | None = None  # see :func:`rotorfit.shaft_lines`
     skip: tuple[int, ...] = ()  # numbers of vectors to leave out, counted from 1 through all tests that come of them
@@ -96,6 +97,11 @@ class RecordingFiles:
         from rotorfit.lab.recordings.reduction.shaft_lines import shaft_lines
 
         records = self.open(progress)
+        if self.operating:
+            from rotorfit.lab.recordings.reduction.operating_spectra import operating_spectra
+
+            progress("spectra of operation")
+            return self._chosen((operating_spectra(records, executor=executor),))
         if not self.lines:
             return self._chosen(recorded_tests(records, turns=self.windows, executor=executor, progress=progress))
         progress("finding combination lines")

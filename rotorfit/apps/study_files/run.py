@@ -112,7 +112,13 @@ def _ranked(
 
 
 def for_model(study: Study, file: DataFile | RecordingFiles) -> DataFile | RecordingFiles:
-    """Recordings of a shaft that is not round are reduced to its combination lines."""
+    """Recordings of a shaft that is not round are reduced to its combination lines, of operation to spectra."""
+    if study.operating:
+        if not isinstance(file, RecordingFiles):
+            raise ValueError(
+                "operating (operating=, --operating) belongs to recordings; tables of its spectra say it themselves"
+            )
+        return replace(file, operating=True)
     if study.model != AnisotropicShaft.name:
         if study.runout_um is not None:
             raise ValueError(

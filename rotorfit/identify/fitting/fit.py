@@ -156,6 +156,7 @@ def fitted(
         if or_from_data and settings.start and not explains(problem, solution):
             problem, start, solution = _or_from_data(found, model, experiments, settings)
             settings = settings if start is found[1] else replace(settings, start={})
+        settings = replace(settings, force_spectrum=_spectrum_of(problem))
         return judged(problem, experiments, settings, start, solution)
     except np.linalg.LinAlgError as reason:
         if not of_library(reason):
@@ -221,8 +222,25 @@ def _solved(model: RotorModel, experiments: tuple[Experiment, ...], settings: Fi
                 raise
             continue
         options = Options(max_iterations=settings.max_iterations, method=settings.method)
-        found.append((problem, start, solve(problem, start.x, options)))
+        solved = problem, start, solve(problem, start.x, options)
+        found.append(solved if settings.force_spectrum else _best_force_spectrum(solved, options))
     return found
+
+
+def _best_force_spectrum(solved: _Solved, options: Options) -> _Solved:
+    """The solution with the spectrum of least BIC of a force that was not measured; each is tried from the best."""
+    problem, start, _ = solved
+    names = tuple(dict.fromkeys(name for block in problem.blocks for name in block.force_spectra))
+    for name in names[1:]:
+        blocks = tuple(block.with_force_spectrum(name if block.force_spectra else "") for block in problem.blocks)
+        other = replace(problem, blocks=blocks)
+        solved = min(solved, (other, start, solve(other, solved[2].x, options)), key=_bic)
+    return solved
+
+
+def _spectrum_of(problem: Problem) -> str:
+    """Name of the spectrum of forces that were not measured; empty where all were."""
+    return next((block.force_spectra[0] for block in problem.blocks if block.force_spectra), "")
 
 
 def _is_minimum(solution: Solution) -> bool:
@@ -233,7 +251,8 @@ def _is_minimum(solution: Solution) -> bool:
 def _bic(solved: _Solved) -> tuple[bool, float]:
     """What tells the better of two solved problems of the same readings: whether it has a minimum, and its BIC."""
     problem, _, solution = solved
-    return not _is_minimum(solution), 2 * solution.cost + problem.space.size * float(np.log(problem.n_data))
+    unknowns = problem.space.size + sum(block.own_unknowns for block in problem.blocks)
+    return not _is_minimum(solution), 2 * solution.cost + unknowns * float(np.log(problem.n_data))
 
 
 def judged(

@@ -27,6 +27,7 @@ _HOMES = (
     "rotorfit.lab.kinds.displacement_test",
     "rotorfit.lab.kinds.free_vibration",
     "rotorfit.lab.kinds.line_test",
+    "rotorfit.lab.kinds.operating_test",
     "rotorfit.lab.kinds.static_test",
     "rotorfit.models",
     "rotorfit.identify.fitting.result",

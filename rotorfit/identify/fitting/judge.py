@@ -372,6 +372,9 @@ def fit_warnings(
         yield _warning(BAD_LINES, alone.sentence(redchi))
         yield from _of_values(problem, x, params, identifiability)
         return
+    for block, predicted in zip(problem.blocks, problem.predict(x), strict=True):
+        for code, text in block.doubts(predicted):
+            yield _warning(code, text)
     if noise is not None:
         yield from noise.warnings(redchi, _of_scatter(problem, x, params))
     rescaled = bool(settings.noise_scale)

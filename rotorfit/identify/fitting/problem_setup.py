@@ -115,7 +115,7 @@ def _observed(
     suffixes, groups = group_rows(seen, settings.per)
     blocks: list[Block] = []
     for experiment, found, rows in zip(seen, influences, groups, strict=True):
-        block = experiment.observe(model, rows)
+        block = experiment.observe(model, rows).with_force_spectrum(settings.force_spectrum)
         if found is not None and block.linear is not None:
             block = correlated(block.linear, found)
         blocks.append(with_baseline(model, block, experiment, settings.baseline, settings.stator_mass_kg))

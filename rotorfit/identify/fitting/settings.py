@@ -105,6 +105,7 @@ class FitSettings(FitOptions):
     """Options that the user gave, and choices made during the fit; they lay the problem out again."""
 
     noise_scale: Mapping[str, float] = field(default_factory=dict)  # factor on the noise of a response, by name
+    force_spectrum: str = ""  # of a force that was not measured, by BIC
     onsets: tuple[Onset, ...] = ()
     baseline: PerturbationTest | None = None  # dry run, whose dynamic stiffness acts beside the model's
     calibration: Calibration | None = None  # uncertainties that enter as nuisance entries
@@ -115,7 +116,7 @@ class FitSettings(FitOptions):
     @property
     def asked(self) -> FitSettings:
         """Settings for another model of the same data: without choices of the fit."""
-        return replace(self, noise_scale={}, onsets=(), noise=None, solved=None, refined=False)
+        return replace(self, noise_scale={}, force_spectrum="", onsets=(), noise=None, solved=None, refined=False)
 
     @property
     def rescaled(self) -> bool:

@@ -62,6 +62,9 @@ class StudyOptions(FitOptions):
         "plausible run-out; with it 1x and 2x of recordings give unbalance and side load (anisotropic-shaft)",
         "UM",
     )
+    operating: bool = option(
+        False, "recordings are of a machine in operation that turbulence shakes, without an exciter"
+    )
     undo: tuple[str, ...] = option((), "errors of the data to correct, by the names in their findings", "A,B")
     refine: bool = option(False, "add structural blocks that the data support (AIC)")
     despite_errors: bool = option(False, "refine although the check finds an error of the data")

@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 _BY_BLOWS = (
     "Each free vibration after a blow or a release became a ring-down, with the shaft's own 1x and 2x beside its modes."
 )
+_BY_TURBULENCE = (
+    "Orders of the shaft were taken out by its angle, and spectra of what turbulence left averaged over cells of "
+    "frequencies."
+)
 _BY_LOADS = "Mean gap voltages became positions of the shaft under constant loads."
 _BY_LINES = (
     "The spectra became amplitudes of the shaft's combination lines, each relative to a drive made of the force and "
@@ -67,6 +71,8 @@ def _done(record: Recording, material: ReportInput) -> str:
     """The function that made experiments of a recording."""
     if any(test.reducer == "shaft_lines" for test in material.fit.experiments):
         return _BY_LINES  # the weight of the shaft and its own unbalance may be all that drives it
+    if any(test.reducer == "operating_spectra" for test in material.fit.experiments):
+        return _BY_TURBULENCE
     from rotorfit.lab.recordings.reduction.responses import BLOWS, LOADS, kind_of  # loads half of SciPy
 
     kind = kind_of(record)

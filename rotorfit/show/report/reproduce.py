@@ -179,6 +179,7 @@ def _command(material: ReportInput) -> str:
     if not expressible:
         return ""
     asked: dict[str, Any] = {
+        "operating": any(e.reducer == "operating_spectra" and e.source for e in fit.experiments),
         "runout_um": next((e.reduced_with["runout_um"] for e in fit.experiments if e.reduced_with), None),
         **options,
         "orthotropic": supports,
