@@ -203,11 +203,6 @@ class OperatingSpectra(Observed):
         """See :class:`~rotorfit.estimators.blocks.observations.Asked`: entries of a cell's matrix err together."""
         return False
 
-    @property
-    def line(self) -> Index:
-        """Cell of each reading."""
-        return np.repeat(np.arange(self.frequency.size), self.m**2 // 2)
-
     def drawn(self, noise: ComplexArray) -> ComplexArray:
         """See :class:`~rotorfit.estimators.blocks.observations.Asked`: as averages of many lines have it, normal."""
         root: ComplexArray = np.asarray(np.linalg.inv(inverse_root(unpacked(self.measured, self.m))), dtype=complex)
