@@ -14,14 +14,18 @@ from rotorfit import datasets
 STUDY = 'files = ["*.csv"]\nmodel = "whirl-whip"\nknown = {K3 = 6000.0}\n'
 
 
-@pytest.mark.parametrize("home", ["/dev/null/x", None])
+FIT = "fit rig.csv --model whirl-whip --known K3=6000 --quiet --no-figures --sample --max-steps 40 --out out"
+
+
 @pytest.mark.parametrize(
-    "words",
+    ("words", "home"),
     [
-        "fit rig.csv --model whirl-whip --known K3=6000 --quiet --no-figures --sample --max-steps 40 --out out",
-        "watch inbox --study study.toml --store watched.db --once --settle 0",
-        "look volts.h5 --out out",
-        "open --port 99999",
+        (FIT, "/dev/null/x"),
+        (FIT, None),
+        ("watch inbox --study study.toml --store watched.db --once --settle 0", "/dev/null/x"),
+        ("look volts.h5 --out out", "/dev/null/x"),
+        ("open --port 99999", "/dev/null/x"),
+        ("open --port 99999", None),
     ],
 )
 def test_a_home_that_cannot_be_written_costs_one_line(words: str, home: str | None, tmp_path: Path) -> None:

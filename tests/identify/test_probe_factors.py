@@ -283,7 +283,7 @@ def test_two_disks_say_which_ratio_is_off_and_what_frees_it() -> None:
     assert freed.params["beta2"].value == pytest.approx(0.95, abs=0.01)
 
 
-@pytest.mark.parametrize("plane", ["left", "disk"])
+@pytest.mark.parametrize("plane", ["left", pytest.param("disk", marks=pytest.mark.slow)])
 def test_refine_tries_factors_of_probes_before_blocks(plane: str) -> None:
     """A chain with a probe 5 % low: the factor explains all, and K0 and masses are those of the rig."""
     fit, rotor = of_benchmark("chain of three", 1, plane)
