@@ -12,7 +12,8 @@ import pytest
 from plain import table_row
 
 import rotorfit as rf
-from rotorfit.apps.app.results import parameter_table
+from rotorfit.apps.app.parts import finding_words
+from rotorfit.apps.app.results import explains, parameter_table
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.show.report.write import shares_of
 
@@ -116,3 +117,17 @@ def test_a_known_value_with_an_error_is_in_what_is_made_of_it(fit: FitResult):
     """K3 was given within 30: a quantity of it alone has what the data leave of that."""
     row = fit.causes["K3"]
     assert fit.derive(lambda p: p.K3, unit="N/m").stderr == pytest.approx(row.stderr, rel=SAME)
+
+
+def test_the_front_is_green_of_fits_that_explain_their_data_alone() -> None:
+    rig = rf.datasets.rig_open()
+    good = rf.fit(rf.models.WhirlWhip(), rig, known={"K3": 6000.0})
+    assert explains(good)
+    few = rig.select((rig.speed < rig.speed.mean()) & (np.arange(len(rig)) % 3 == 0))
+    plain = rf.fit(rf.models.WhirlWhip(), few, known={"K3": 6000.0}, causes=None)
+    assert plain.model_limited
+    assert not explains(plain)
+    wrong = replace(rig, response=np.where(np.arange(len(rig)) == 5, np.nan, rig.response))
+    (found,) = [one for one in rf.check(wrong) if one.severity == "error"]
+    assert "--undo" in found.words
+    assert "--undo" not in str(finding_words(found))

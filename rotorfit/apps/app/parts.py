@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from importlib.resources import files
 from io import BytesIO
 from pathlib import Path
@@ -48,8 +49,8 @@ def message(text: str, kind: str = "") -> Any:
 
 
 def finding_words(finding: Finding) -> Html:
-    """A finding with its severity in front."""
-    _, _, words = str(finding).partition("] ")
+    """A finding with its severity in front; a button beside it stands for the words of the command line."""
+    _, _, words = str(replace(finding, correction=None)).partition("] ")
     said = join([element("span", finding.severity, class_="kind"), ": ", words])
     return element("div", said, class_=f"said {finding.severity}")
 

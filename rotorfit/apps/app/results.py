@@ -38,7 +38,7 @@ def result_parts(outcome: Outcome, undo: Callable[[Finding], None]) -> list[Any]
     went = (
         parts.message(outcome.failure, "error")
         if outcome.failure
-        else parts.message(f"Fit: {fit.message}.", "warning" if fit.identifiability.unresolved else "good")
+        else parts.message(f"Fit: {fit.message}.", "good" if explains(fit) else "warning")
     )
     findings: list[Any] = []
     for found in fit.findings:
@@ -54,6 +54,11 @@ def result_parts(outcome: Outcome, undo: Callable[[Finding], None]) -> list[Any]
         *findings,
         _figures(fit),
     ]
+
+
+def explains(fit: FitResult) -> bool:
+    """True for a fit that its model does not limit, of data that determine every value."""
+    return not (fit.model_limited or fit.identifiability.unresolved)
 
 
 def parameter_table(fit: FitResult) -> Html:
