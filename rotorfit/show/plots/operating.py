@@ -199,7 +199,7 @@ def _panel(sheet: style.Sheet, axis: Any, spectra: Sequence[_Spectra], plane: st
     axis.set_yscale("log")
     style.decade_ticks(axis.yaxis)
     sizes = np.concatenate([_typical(one, plane) for one in shown.values()]) * factor
-    axis.set_ylim(sizes.min() / 1.6, 2.0 * sizes.max())
+    axis.set_ylim(sizes.min() / 1.6, 4.0 * sizes.max())
     end = max(one.frequency[-1] for one in shown.values()) * sheet.per_rad_s
     axis.set_xlim(-1.01 * end, 1.01 * end)
     axis.set_ylabel(f"{unit} per root Hz")
@@ -238,9 +238,10 @@ def _mark_masked(sheet: style.Sheet, axis: Any, one: _Spectra) -> None:
         for way in (1, -1):
             axis.axvspan(way * low * sheet.per_rad_s, way * high * sheet.per_rad_s, color=style.GRID, lw=0, zorder=1)
             if number and abs(order - number) * one.speed < high - low:
+                side = "left" if way > 0 else "right"
                 axis.annotate(
-                    f"{number}×", (way * (low + high) / 2 * sheet.per_rad_s, 1), (3, -2),
-                    xycoords=("data", "axes fraction"), textcoords="offset points", ha="left", va="top",
+                    f"{number}×", (way * (low + high) / 2 * sheet.per_rad_s, 1), (3 * way, -2),
+                    xycoords=("data", "axes fraction"), textcoords="offset points", ha=side, va="top",
                     fontsize=style.SMALL_TYPE, color=style.GREY,
                 )  # fmt: skip
 
