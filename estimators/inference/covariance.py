@@ -71,7 +71,7 @@ def information(
     prior = prior_curvature(problem, x)
     if problem.loss == "linear":
         curvature = (problem.gauss_newton(x)[2] - np.diag(prior)) / widening + np.diag(prior)
-        size = np.sqrt(np.diag(curvature))
+        size = np.sqrt(np.maximum(np.diag(curvature), 0.0))  # less what a prior leaves to round-off
         least_eigenvalue = 1e-5  # of a curvature of unit diagonal from which its inverse has ten digits
         safe = np.where(size > 0, size, 1.0)
         unit = curvature / safe[:, None] / safe  # one after the other: the product of tiny sizes is zero

@@ -49,6 +49,7 @@ SETTINGS = {
     "phase_offsets": True,
     "method": "ipopt",
     "max_iterations": 1000,
+    "operating": True,
     "undo": ("lag-as-lead", "probes-turned (journal by 45)"),
     "refine": True,
     "despite_errors": True,

@@ -157,7 +157,10 @@ def test_sensitivity_function_of_the_controller(fit):
 
 
 def test_from_files_to_the_verdict_on_the_loop(tmp_path, capsys):
-    """One mass, whose sensitivity function is a formula: its interval holds the truth; a study says the same."""
+    """One mass, whose sensitivity function is a formula: its interval holds the truth; a study says the same.
+
+    Sensors of a magnetic bearing read what stands still too: there is no high-pass.
+    """
     known, w = one_mass(), np.linspace(20.0, 900.0, 150)
     H = known.receptance(known.vector(ALONE), w, 0.0)[:, 0, 0]
     rng, sigma = np.random.default_rng(3), 2e-8
@@ -170,10 +173,20 @@ def test_from_files_to_the_verdict_on_the_loop(tmp_path, capsys):
     np.savez(tmp_path / "mass.npz", M=[[MASS]], K=[[0.0]])
     (tmp_path / "study.toml").write_text(
         'files = ["rest.csv"]\nstructure = "mass.npz"\ndofs = ["z"]\nmagnetic = ["disk"]\n'
-        f"[planes]\ndisk = 0\n[known]\nKm = {ALONE['Km']}\n"
+        f"[planes]\ndisk = 0\n[known]\nKm = {ALONE['Km']}\n[causes]\nhigh-pass = 0.0\n"
     )
     shaft = ["--structure", str(tmp_path / "mass.npz"), "--dofs", "z", "--planes", "disk=0", "--magnetic", "disk"]
-    words = ["fit", str(tmp_path / "rest.csv"), *shaft, "--known", f"Km={ALONE['Km']}", "--out", str(tmp_path / "out")]
+    words = [
+        "fit",
+        str(tmp_path / "rest.csv"),
+        *shaft,
+        "--known",
+        f"Km={ALONE['Km']}",
+        "--cause",
+        "high-pass=0",
+        "--out",
+        str(tmp_path / "out"),
+    ]
     found = []
     for command in (words, ["run", str(tmp_path / "study.toml")]):
         assert cli.main([*command, "--json"]) == 0

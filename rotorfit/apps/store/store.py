@@ -70,7 +70,7 @@ class Store:
         >>> file = rf.datasets.path("rig_lumped.csv")
         >>> [added] = store.add([file], study={"model": "whirl-whip", "known": {"K3": 6000.0}})
         >>> print(store.fits[0].params["lam"])
-        0.4756 +- 0.0039
+        0.4758 +- 0.0039
         >>> store.add([file], study={"model": "whirl-whip", "known": {"K3": 6000.0}})[0].new_fit
         False
     """

@@ -85,8 +85,7 @@ def judge(
     plain, begin = problem, x
     if beside is not None:  # without the causes that were found
         plain, begin = shifted(problem, [-part for part in beside.shift]), beside.plain[: x.size]
-    ends = np.vstack([begin, np.append(start.x, begin[start.x.size :])[: begin.size]])
-    alone = bad_lines(plain, ends, MODEL_LIMITED_REDCHI) if redchi > MODEL_LIMITED_REDCHI else None
+    alone = bad_lines(plain, begin, MODEL_LIMITED_REDCHI) if redchi > MODEL_LIMITED_REDCHI else None
     notices = [*notes, *fit_warnings(problem, x, redchi, params, verdict, settings, noise, alone)]
     notices += [_warning("cause-size", text) for text in size_warnings(causes)]
     if redchi <= max(largest_redchi(noise, nfree, noise_known_from(problem)), MODEL_LIMITED_REDCHI):

@@ -274,6 +274,17 @@ def run_up(test: PerturbationTest, weights: Mapping[str, complex] | Balance, ref
 
     Raises:
         ValueError: the runs have no speeds in common, or what :func:`influence` and :func:`balance` refuse.
+
+    Example:
+        >>> values = {"M": 1.2, "K": 8e3, "Ds": 8.0, "K0": 9e3, "D": 450.0, "lam": 0.46, "Mf": 0.4}
+        >>> def start_up(unbalance):
+        ...     rpm = [300.0 + 50.0 * k for k in range(40)]
+        ...     model = rf.models.OneMode()
+        ...     return rf.simulate(model, values, "synchronous", speed_rpm=rpm, unbalance=unbalance, exact=True)
+        >>> both = rf.join_runs([start_up(2e-5), start_up(3e-5)], difference=False)
+        >>> found = rf.run_up(both, {"journal": 1e-5})
+        >>> found.speed.size
+        64
     """
     given = dict(zip(weights.planes, mounted_of(weights), strict=True)) if isinstance(weights, Balance) else weights
     points = 64  # speeds of a curve, as many as a figure shows

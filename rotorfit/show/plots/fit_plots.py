@@ -124,7 +124,7 @@ class FitPlots:
         return plot_spectra(self._fit, **look)
 
     def spectrum(self, *, plane: str | None = None, **look: Unpack[PlotKeywords]) -> Figure:
-        """One of :meth:`spectra`, by default of the last plane; ``ax`` and ``unit`` as for :meth:`bode`."""
+        """One of :meth:`spectra`, that of ``plane``, by default the last; ``ax`` and ``unit`` as for :meth:`bode`."""
         return plot_spectrum(self._fit, plane, **look)
 
     def stability(self, *, beside: FitResult | None = None, **look: Unpack[PlotKeywords]) -> Figure:

@@ -9,9 +9,11 @@ import numpy as np
 
 from rotorfit.base.array_types import Float, Index
 from rotorfit.base.digits import significant
+from rotorfit.base.faults import of_program
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.start_points import short_fits
+from rotorfit.estimators.starting.starts import find_start
 from rotorfit.identify.fitting.noise.noise_fit import lines_in
 
 _FAR = 25.0  # times a line's redchi must exceed that of the others, five standard deviations of their noise
@@ -38,16 +40,16 @@ class BadLines:
         )
 
 
-def bad_lines(problem: Problem, starts: Float, enough: float) -> BadLines | None:
+def bad_lines(problem: Problem, x: Float, enough: float) -> BadLines | None:
     """The few lines without which a fit's redchi would be no more than ``enough``; None where others miss too.
 
     They may have drawn the fit to them, so that others seem to miss as well: the worst are hidden, the rest is fitted
     again, and again without those that are the worst then (least trimmed squares). Where that leads nowhere, it begins
-    with the largest readings hidden, as a weight at 1x makes them.
+    anew from the data without the largest readings, as a weight at 1x makes them.
 
     Args:
         problem: with the readings as they are.
-        starts: the values that were found, and where the search for them began, shape ``(2, p)``.
+        x: the values that were found, shape ``(p,)``.
         enough: redchi.
     """
     if problem.loss != "linear" or len(problem.responses) < len(problem.blocks):
@@ -58,14 +60,13 @@ def bad_lines(problem: Problem, starts: Float, enough: float) -> BadLines | None
         return None
     most = max(1, int(_MOST_SHARE * count.size))
 
-    def without(worst: Index, starts: Float) -> Float:
-        """What the other lines lead to."""
-        hidden = 1e4  # factor on the noise of readings that then have no weight
-        return short_fits(problem.with_noise(np.where(np.isin(line, worst), hidden, 1.0)), starts.copy()).best
+    def without(worst: Index) -> Problem:
+        """The problem in which some lines have no weight."""
+        hidden = 1e4  # factor on the noise of their readings
+        return problem.with_noise(np.where(np.isin(line, worst), hidden, 1.0))
 
-    size = np.bincount(line, weights=np.abs(np.concatenate([b.measured / b.sigma for b in problem.blocks])) ** 2)
-    for begin in (lambda: starts[0], lambda: without(np.argsort(size)[::-1][:most], starts)):
-        x, tried = begin(), set[bytes]()
+    def trimmed(x: Float) -> BadLines | None:
+        """The worst lines by turns with a fit of the others."""
         for _ in range(4):
             own = _squares(problem, x, line) / count
             worst = np.argsort(own)[::-1][:most]
@@ -74,11 +75,18 @@ def bad_lines(problem: Problem, starts: Float, enough: float) -> BadLines | None
             if far.size and rest <= enough:
                 words = tuple(_place(problem, int(np.flatnonzero(line == one)[0])) for one in far)
                 return BadLines(places=words, redchi=rest)
-            if np.sort(worst).tobytes() in tried:
-                break
-            tried.add(np.sort(worst).tobytes())
-            x = without(worst, np.vstack([x, starts]))
-    return None
+            x = short_fits(without(worst), x[None]).best
+        return None
+
+    found, far_off = trimmed(x), 10.0  # times ``enough`` from which a fit may have been drawn anywhere
+    if found is None and _of_others(problem, x, line, np.zeros(0, dtype=np.intp)) > far_off * enough:
+        size = np.bincount(line, weights=np.abs(np.concatenate([b.measured / b.sigma for b in problem.blocks])) ** 2)
+        try:
+            found = trimmed(find_start(without(np.argsort(size)[::-1][:most]), {}).x)
+        except ValueError as reason:  # the others give no start
+            if of_program(reason):
+                raise
+    return found
 
 
 def _squares(problem: Problem, x: Float, line: Index) -> Float:

@@ -68,6 +68,11 @@ def operating_spectra(
     Raises:
         ValueError: a recording without Keyphasor, whose speed changes, without a plane of two good probes, too short,
             or so quiet that the floor hides the rotor.
+
+    Example:
+        >>> test = rf.operating_spectra(rf.read_recording(rf.datasets.operation()))
+        >>> test.planes, test.runs
+        (('disk', 'journal'), ('operation',))
     """
     listed_records = named_apart(records)
     seen = carry_out(partial(_cells, band=band_hz, width=width_hz), listed_records, executor)
