@@ -504,7 +504,7 @@ def _scored(
     with np.errstate(all="ignore"):
         there = [(at(start), start) for start in starts]
         (cost, slope, matrix), numbers = min(there, key=lambda pair: np.nan_to_num(pair[0][0], nan=np.inf))
-        if not np.isfinite(cost + slope.sum() + matrix.sum()):
+        if not _finite(cost, slope, matrix):
             return None
         before = np.inf
         for _ in range(100):
@@ -516,19 +516,23 @@ def _scored(
             if gain < (roughly if far else settled) * unit or damping > enough or (close and gain >= before):
                 break
             before = gain if close else np.inf
-            step = np.clip(step, -3.0, 3.0)
+            step /= max(1.0, float(np.abs(step).max()) / 3.0)  # as a whole: parts of it may lead up
             trial = numbers + step
             new = at(trial)
             down, up = -float(slope @ step), float(new[1] @ step)
             if up > down / 4:  # too far, where the data curve the likelihood more than they are expected to
                 trial = numbers + step * (down / (down + up))
                 new = at(trial)
-            if close or (np.isfinite(new[0]) and new[0] <= cost):
+            if _finite(*new) and (close or new[0] <= cost):
                 numbers, (cost, slope, matrix) = trial, new
                 damping = damping / 10 if damping > 1e-6 else 0.0
             else:
                 damping = max(10 * damping, 1e-4)
     return numbers
+
+
+def _finite(cost: float, slope: Float, matrix: Float) -> bool:
+    return bool(np.isfinite(cost + slope.sum() + matrix.sum()))
 
 
 def _following(by_theta: ComplexArray, by_numbers: ComplexArray, weight: ComplexArray, nu: Float) -> Float:
