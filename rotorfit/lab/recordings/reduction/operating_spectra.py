@@ -95,16 +95,17 @@ def _cells(record: Recording, *, band: tuple[float, float] | None, width: float 
     reduced = _reduced(record, planes, speed, band).without_orders()
     z = np.array([reduced.motion[plane] for plane in planes])
     seconds, turning = z.shape[1] / reduced.rate, speed / (2 * np.pi)
+    top = reduced.band[1] / (2 * np.pi)  # above it the filter of the reduced rate falls
     masked = [(n * turning - _MASK, n * turning + _MASK) for n in range(1, HIGHEST_ORDER + 1)]
     frequency, power = periodogram(z, reduced.rate)
     clear = np.all([(frequency < low) | (frequency > high) for low, high in masked], axis=0)
-    lines = outstanding(frequency, power, clear & (frequency > _LOWEST), _MASK)
+    lines = outstanding(frequency, power, clear & (frequency > _LOWEST) & (frequency < top), _MASK)
     masked += [(line - _MASK, line + _MASK) for line in lines]
     if lines:
         where = listed([f"{f:.2f} Hz" for f in lines])
         text = f"{record.name}: lines that are no orders of the shaft left out, at {where}."
         found.append(Finding("note", "foreign-lines", text))
-    at, smooth = smoothed(frequency, power, masked, 1.0)
+    at, smooth = smoothed(frequency[frequency < top], power[:, frequency < top], masked, 1.0)
     low, high = _band(record, at, smooth, seconds) if band is None else band
     usual = _width(record, z, reduced.rate, (low, high), masked, seconds) if width is None else width
     cells = averaged(z, reduced.rate, band=(low, high), width=usual, masked=masked)
