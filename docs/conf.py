@@ -51,7 +51,6 @@ bibtex_reference_style = "author_year"
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
 autodoc_default_options = {"inherited-members": "object, dict, tuple, Sequence, ABC, RotorModel, Exception, IntEnum"}
-python_maximum_signature_line_length = 88
 autodoc_member_order = "bysource"
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False

@@ -164,7 +164,11 @@ class OperatingSpectra(Observed):
     @property
     def remarks(self) -> tuple[str, ...]:
         """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
-        return (f"the spectrum of the force was not measured: {self.shape} was taken, by BIC",)
+        return (
+            f"the spectrum of the force was not measured: {self.shape} was taken, by BIC",
+            "errors of single parameters from operating vibration are not proven on many rigs yet, and were seen many "
+            "times too small where several speeds were fitted together; those of the threshold and of the modes held",
+        )
 
     def doubts(self, predicted: ComplexArray) -> Iterator[tuple[str, str]]:
         """See :class:`~rotorfit.estimators.blocks.observations.Asked`: residuals of bands, and what motion forward and
