@@ -260,6 +260,8 @@ def kept_of_one_sign(
         if slope is not None:
             turned = covar @ slope[member]
             covar = covar - np.outer(turned, turned) / (slope[member] @ turned)
+        if not np.isfinite(covar).all():  # at an absurd point, which the cost refuses
+            continue
         end = nearest_of_one_sign(x[member] + down[member], covar, signs)
         down[member] = end - x[member]
         at = np.flatnonzero(signs & (end == 0))

@@ -150,7 +150,7 @@ def _remaining(problem: Problem, values: Float) -> tuple[float, float]:
     """Cost, and the square of the step that leads to the optimum, in standard errors; infinite where there is none. The
     derivatives that come with the cost are those that the search asks for first."""
     cost, gradient, matrix = problem.gauss_newton(full_vector(problem, values))
-    size = np.sqrt(matrix.diagonal())
+    size = np.sqrt(np.maximum(matrix.diagonal(), 0.0))  # less what a prior leaves to round-off
     if not (np.isfinite(cost) and size.all()):
         return np.inf, np.inf
     along = gradient / size

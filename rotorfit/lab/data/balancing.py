@@ -283,8 +283,8 @@ def run_up(test: PerturbationTest, weights: Mapping[str, complex] | Balance, ref
         ...     return rf.simulate(model, values, "synchronous", speed_rpm=rpm, unbalance=unbalance, exact=True)
         >>> both = rf.join_runs([start_up(2e-5), start_up(3e-5)], difference=False)
         >>> found = rf.run_up(both, {"journal": 1e-5})
-        >>> found.speed.size
-        64
+        >>> found.speed.size  # 64 speeds for each of two probes
+        128
     """
     given = dict(zip(weights.planes, mounted_of(weights), strict=True)) if isinstance(weights, Balance) else weights
     points = 64  # speeds of a curve, as many as a figure shows
