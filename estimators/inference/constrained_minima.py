@@ -260,7 +260,7 @@ def kept_of_one_sign(
         if slope is not None:
             turned = covar @ slope[member]
             covar = covar - np.outer(turned, turned) / (slope[member] @ turned)
-        if not np.isfinite(covar).all():  # at an absurd point, which the cost refuses
+        if not (np.isfinite(covar).all() and (covar.diagonal() > 0).all()):  # an absurd point, which the cost refuses
             continue
         end = nearest_of_one_sign(x[member] + down[member], covar, signs)
         down[member] = end - x[member]
