@@ -86,6 +86,17 @@ def test_the_threshold_speed_has_one_error(fit: FitResult):
     assert fit.interval("threshold_speed") == pytest.approx(onset.interval(), rel=SAME)
 
 
+def test_modes_and_natural_frequencies_have_one_error(fit: FitResult):
+    """The known K3 and the causes found move both."""
+    speed = 1.2 * mean_speed(fit)
+    modes = sorted(fit.modes(speed), key=lambda mode: mode.frequency.value)
+    pairs = sorted(fit.natural_frequencies(speed), key=lambda pair: pair[0].value)
+    for mode, (frequency, ratio) in zip(modes, pairs, strict=True):
+        for one, other in ((mode.frequency, frequency), (mode.damping_ratio, ratio)):
+            assert one.value == pytest.approx(other.value, rel=SAME)
+            assert one.stderr == pytest.approx(other.stderr, rel=SAME)
+
+
 def test_one_group_has_the_errors_of_none(fit: FitResult):
     """Parameters fitted for each value of an attribute that has one value."""
     rig = rf.datasets.rig_lumped()

@@ -208,18 +208,32 @@ def natural_frequencies(fit: FitResult, speed: float, at: Mapping[str, Any] | No
     for found in eigenvalues(model, theta, speed).tolist():
         if not np.isfinite(found) or abs(found) > fit.stability_band or is_image(model, theta, speed, found):
             continue
-        _, by_theta = eigenvalue_gradient(model, theta, speed, found)
-        solved = fit.settings.solved
-        by_causes = eigenvalue_slopes(model, theta, speed, found, solved) if solved else np.zeros(0, dtype=complex)
-        s = found + back + (by_causes @ solved.errors.value if solved else 0.0)
+        s, by_theta, by_causes = _moved(fit, theta, speed, found)
         turn = -1.0 if model.frame == "xy" and whirl_sense(model, theta, speed, np.array([found]))[0] < 0 else 1.0
+        w = turn * (s + back).imag
         frequency = propagated(
-            fit, group, turn * s.imag, turn * by_theta.imag, "rad/s", speed=speed, by_causes=turn * by_causes.imag
+            fit, group, w, turn * by_theta.imag, "rad/s", speed=speed, by_causes=turn * by_causes.imag
         )
-        slope, beside = _damping_slope(s, by_theta), _damping_slope(s, by_causes)
-        ratio = propagated(fit, group, -s.real / abs(s), slope, "1", speed=speed, by_causes=beside)
-        modes.append(NaturalFrequency(frequency, ratio))
+        modes.append(NaturalFrequency(frequency, _damping_ratio(fit, group, speed, s + back, by_theta, by_causes)))
     return NaturalFrequencies(modes)
+
+
+def _moved(fit: FitResult, theta: Float, speed: float, found: complex) -> tuple[complex, ComplexArray, ComplexArray]:
+    """An eigenvalue with what causes add to it, and its derivatives by the parameters and by causes."""
+    _, by_theta = eigenvalue_gradient(fit.model, theta, speed, found)
+    solved = fit.settings.solved
+    if solved is None:
+        return found, by_theta, np.zeros(0, dtype=complex)
+    by_causes = eigenvalue_slopes(fit.model, theta, speed, found, solved)
+    return complex(found + by_causes @ solved.errors.value), by_theta, by_causes
+
+
+def _damping_ratio(
+    fit: FitResult, group: int, speed: float, s: complex, by_theta: ComplexArray, by_causes: ComplexArray
+) -> Quantity:
+    """Damping ratio of an eigenvalue with its error."""
+    slope, beside = _damping_slope(s, by_theta), _damping_slope(s, by_causes)
+    return propagated(fit, group, -s.real / abs(s), slope, "1", speed=speed, by_causes=beside)
 
 
 def _damping_slope(s: complex, by: ComplexArray) -> Float:
@@ -256,11 +270,14 @@ def modes_of(fit: FitResult, speed: float, normalise: str | None, at: Mapping[st
             for row, (v, s, u) in enumerate(made)
         ]
         frequency = Quantity(own[0].value + back, own[0].stderr, own[0].unit, own[0].freedom)
-        mass, stiffness, damping = own[2:5] if np.isfinite(mode.mass) else (None, None, None)
+        ratio, (mass, stiffness, damping) = own[1], (own[2:5] if np.isfinite(mode.mass) else (None, None, None))
+        if mass is None:  # one of the eigenvalues that natural_frequencies prints
+            s, *slopes_of_s = _moved(fit, theta, speed, _eigenvalue(fit, theta, speed, mode))
+            ratio = _damping_ratio(fit, group, speed, s + 1j * back, *slopes_of_s)
         modes.append(
             Mode(
                 frequency=frequency,
-                damping_ratio=own[1],
+                damping_ratio=ratio,
                 half_power=half_power(curves, frequency.value),
                 shape=dict(zip(names, own[5 : 5 + len(names)], strict=True)),
                 phase=dict(zip(names, own[5 + len(names) :], strict=True)),
@@ -298,11 +315,11 @@ def _numbers(mode: VibrationMode) -> Float:
 
 
 def _slopes(fit: FitResult, theta: Float, speed: float, place: int, modes: list[VibrationMode]) -> list[Float]:
-    """Derivatives of a mode's numbers by the parameters, shape ``(numbers, P)``, by central differences."""
-    fitted = np.flatnonzero((fit.problem.space.index >= 0).any(axis=0))
+    """Derivatives of a mode's numbers by the parameters, shape ``(numbers, P)``, by central differences; by those that
+    are held too, whose values may be off."""
     found = [np.zeros((_numbers(mode).size, theta.size)) for mode in modes]
     relative = 1e-6  # relative step of central differences: errors of 1e-10 of smooth functions
-    for i in fitted.tolist():
+    for i in range(theta.size):
         step = np.zeros(theta.size)
         step[i] = relative * (abs(theta[i]) or fit.model.parameters[i].scale)
         sides = [vibration_modes(fit.model, theta + sign * step, speed, normalised_at=place) for sign in (1, -1)]
@@ -321,13 +338,18 @@ def _by_causes(fit: FitResult, theta: Float, speed: float, mode: VibrationMode) 
     """Derivatives of some of a mode's numbers, by their places, by causes that act on the rotor beside its values."""
     if fit.settings.solved is None:
         return {}
-    every = eigenvalues(fit.model, theta, speed)
-    s = complex(every[np.nanargmin(np.abs(every - mode.s))])
+    s = _eigenvalue(fit, theta, speed, mode)
     by = eigenvalue_slopes(fit.model, theta, speed, s, fit.settings.solved)
-    ratio = _damping_slope(s, by)
     if not np.isfinite(mode.mass):
-        return {0: mode.turn * by.imag, 1: ratio}
+        return {0: mode.turn * by.imag}
+    ratio = _damping_slope(s, by)
     return {0: (np.conj(s) * by).real / abs(s), 1: ratio, 4: 2 * np.sqrt(mode.stiffness * mode.mass) * ratio}
+
+
+def _eigenvalue(fit: FitResult, theta: Float, speed: float, mode: VibrationMode) -> complex:
+    """The eigenvalue of a mode."""
+    every = eigenvalues(fit.model, theta, speed)
+    return complex(every[np.nanargmin(np.abs(every - mode.s))])
 
 
 def _shift(fit: FitResult, by_causes: Mapping[int, Float], row: int) -> float:
