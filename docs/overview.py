@@ -17,6 +17,7 @@ from rotorfit.show.plots import style
 
 SURE_UM = 15.0
 """Amplitude, um, from which readings are drawn in full; smaller ones are mostly noise."""
+STEPS = ("1  Turn a known force", "2  Measure the response", "3  Read rotor and fluid")
 NAMES = {"D": "damping D", "lam": "velocity ratio λ", "Mf": "fluid inertia Mf"}
 
 
@@ -116,11 +117,7 @@ def wide(fit: rf.FitResult) -> Figure:
     areas |= {"read": (0.725, 0.52, 0.265, 0.34), "damping": (0.76, 0.16, 0.215, 0.31)}
     axes = {name: figure.add_axes(area) for name, area in areas.items()}
     _fill(axes, fit)
-    for left, words in (
-        (0.01, "1  Turn a known force"),
-        (0.37, "2  Measure the response"),
-        (0.725, "3  Read rotor and fluid"),
-    ):
+    for left, words in zip((0.01, 0.37, 0.725), STEPS, strict=True):
         figure.text(left, 0.93, words, weight="bold", fontsize=10.5)
     return figure
 
@@ -132,11 +129,7 @@ def narrow(fit: rf.FitResult) -> Figure:
     areas |= {"read": (0.04, 0.23, 0.92, 0.10), "damping": (0.16, 0.07, 0.78, 0.145)}
     axes = {name: figure.add_axes(area) for name, area in areas.items()}
     _fill(axes, fit)
-    for height, words in (
-        (0.965, "1  Turn a known force"),
-        (0.675, "2  Measure the response"),
-        (0.355, "3  Read rotor and fluid"),
-    ):
+    for height, words in zip((0.965, 0.675, 0.355), STEPS, strict=True):
         figure.text(0.02, height, words, weight="bold", fontsize=10.5)
     return figure
 

@@ -139,18 +139,13 @@ def test_a_probe_that_one_trial_run_lacks_keeps_what_is_known_of_it() -> None:
     assert np.isnan(rf.balance(known, today).expected).sum() == 2
 
 
-def start_ups(
-    rng: np.random.Generator, sigma: float
-) -> tuple[rf.PerturbationTest, Callable[[float, complex], complex]]:
-    """A rotor of one mode, run up without and with a weight, and its vibration by speed, rad/s, and weight, kg m."""
-    natural, damping, own = 180.0, 0.04, 2.5e-5 * np.exp(1.2j)
-
-    def vibration(speed: float, weight: complex) -> complex:
-        return complex((own + weight) / 2.0 * speed**2 / (natural**2 - speed**2 + 2j * damping * natural * speed))
-
-    speed = np.arange(300.0, 3001.0, 20.0) * np.pi / 30
+def recorded_up(
+    rng: np.random.Generator, vibration: Callable[[float, complex], complex], *, trial: float, sigma: float, step: float
+) -> rf.PerturbationTest:
+    """What one probe reads of a rotor that is run up to 3000 rpm without and with a weight, kg m."""
+    speed = np.arange(300.0, 3001.0, step) * np.pi / 30
     parts = []
-    for name, weight in (("reference", 0.0), ("trial", 2e-5)):
+    for name, weight in (("reference", 0.0), ("trial", trial)):
         noise = sigma * (rng.normal(size=speed.size) + 1j * rng.normal(size=speed.size))
         parts.append(
             rf.PerturbationTest(
@@ -165,7 +160,19 @@ def start_ups(
                 sigma=np.full(speed.size, sigma),
             )
         )
-    return rf.join_runs(parts, difference=False), vibration
+    return rf.join_runs(parts, difference=False)
+
+
+def start_ups(
+    rng: np.random.Generator, sigma: float
+) -> tuple[rf.PerturbationTest, Callable[[float, complex], complex]]:
+    """A rotor of one mode, run up without and with a weight, and its vibration by speed, rad/s, and weight, kg m."""
+    natural, damping, own = 180.0, 0.04, 2.5e-5 * np.exp(1.2j)
+
+    def vibration(speed: float, weight: complex) -> complex:
+        return complex((own + weight) / 2.0 * speed**2 / (natural**2 - speed**2 + 2j * damping * natural * speed))
+
+    return recorded_up(rng, vibration, trial=2e-5, sigma=sigma, step=20.0), vibration
 
 
 def test_a_run_up_with_given_weights_is_that_of_the_rotor_within_its_band() -> None:
@@ -212,25 +219,11 @@ def test_weights_of_whole_pieces_leave_the_least_of_all_that_can_be_mounted() ->
 
 def test_run_out_of_start_ups_is_said_to_stay_in_or_to_be_out() -> None:
     """Truth: one probe, an influence that grows as the square of the speed, and 5 um of run-out."""
-    speed = np.arange(300.0, 3001.0, 50.0) * np.pi / 30
-    rng = np.random.default_rng(2)
-    parts = []
-    for name, weight in (("reference", 0.0), ("trial", 1e-5)):
-        noise = 2e-8 * (rng.normal(size=speed.size) + 1j * rng.normal(size=speed.size))
-        parts.append(
-            rf.PerturbationTest(
-                run=np.full(speed.size, name),
-                speed=speed,
-                frequency=speed,
-                force_plane=np.full(speed.size, "aft"),
-                force=(weight * speed**2).astype(complex),
-                plane=np.full(speed.size, "aft"),
-                direction=np.full(speed.size, "x"),
-                response=5e-6 + (3e-5 + weight * 2.0) * (speed / speed[-1]) ** 2 * np.exp(0.5j) + noise,
-                sigma=np.full(speed.size, 2e-8),
-            )
-        )
-    raw = rf.join_runs(parts, difference=False)
+
+    def vibration(speed: float, weight: complex) -> complex:
+        return complex(5e-6 + (3e-5 + weight * 2.0) * (speed / (100 * np.pi)) ** 2 * np.exp(0.5j))
+
+    raw = recorded_up(np.random.default_rng(2), vibration, trial=1e-5, sigma=2e-8, step=50.0)
     at = [2500.0 * np.pi / 30]
     found = rf.balance(rf.influence(raw, at))
     assert any("stays in: at 300 to 450 rpm aft x reads 5" in remark for remark in found.remarks)

@@ -50,10 +50,11 @@ def check_planes(
 ) -> None:
     """Refuse planes that the model does not have."""
     if not (set(planes) <= set(model.read_planes) and set(forced) <= set(model.planes)):
-        fewer = "; of so many planes it takes only those chosen (where=, --where plane=A --where force_plane=A)"
+        beside, chosen = (f" and {forces} {', '.join(forced)}", " --where force_plane=A") if forced else ("", "")
+        fewer = f"; of so many planes it takes only those chosen (where=, --where plane=A{chosen})"
         fewer = fewer if len({*planes, *forced}) > len(model.planes) else ""
         raise ValueError(
-            f"{test.source or test.title} has planes {', '.join(planes)} and {forces} {', '.join(forced)}, the model "
+            f"{test.source or test.title} has planes {', '.join(planes)}{beside}, the model "
             f"{model.name} has {', '.join(model.read_planes)}. Map names (planes=, --planes){fewer}"
         )
 
