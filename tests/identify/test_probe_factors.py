@@ -279,6 +279,11 @@ def test_two_disks_say_which_ratio_is_off_and_what_frees_it() -> None:
     low = replace(test, response=np.where(test.plane == "outboard", 0.95, 1.0) * test.response)
     assert named(rf.fit(model, low)) == {"gain[inboard]", "gain[outboard]"}
     assert not named(rf.fit(model, test))
+    first = rf.fit(model, low, causes=None).findings[0]  # before runs that differ, and noise
+    assert first.code == "cause-left-out"
+    assert "gain[inboard]" in first.message or "gain[outboard]" in first.message
+    assert 'known={"beta' in first.remedy
+    assert not {one.code for one in rf.fit(model, test, causes=None).findings} & {"cause-left-out"}
     freed = rf.fit(model, low, known={"beta2": None})
     assert freed.params["beta2"].value == pytest.approx(0.95, abs=0.01)
 

@@ -15,6 +15,9 @@ import rotorfit as rf
 from rotorfit.apps.app.parts import finding_words
 from rotorfit.apps.app.results import explains, parameter_table
 from rotorfit.identify.fitting.result import FitResult
+from rotorfit.show.plots.dynamic_stiffness import _fitted, _shown
+from rotorfit.show.plots.style import PLAIN
+from rotorfit.show.plots.sweeps import curves
 from rotorfit.show.report.write import shares_of
 
 SAME = 1e-6
@@ -73,6 +76,25 @@ def test_away_from_the_mean_speed_coefficients_hold_what_changes_with_speed(fit:
     made = fit.quantity(at.value, {"D": 1.0, "cause speed[D]": 0.5 * D.value}, "N s/m")  # slopes at no cause
     assert at.stderr == pytest.approx(made.stderr, rel=SAME)
     assert at.stderr != pytest.approx(D.stderr, rel=SAME)
+
+
+def test_figures_have_the_bands_of_predictions(fit: FitResult):
+    """Of a response, and of the stiffness at its force, its inverse: their relative errors are the same."""
+    _, every = curves(fit)
+    curve = next(c for c in every if c.coordinate == c.force_plane == 1)
+    (shown,) = [one for one in _shown(PLAIN, fit) if one.condition == curve.condition]
+    line = _fitted(fit, shown, 1, 1, False)
+    for frequency, half, factor in (
+        (curve.fine, curve.band, 1 / curve.fitted),
+        (line.frequency, (line.direct, line.quadrature), line.kappa**2),
+    ):
+        found = fit.predict(frequency[::20], speed=curve.condition.speed, force_plane="journal", plane="journal")
+        by = factor[::20]
+        turned = np.array([[by.real, -by.imag], [by.imag, by.real]])
+        whole = np.einsum("ikn,nkl,jln->nij", turned, found.covariance + found.systematic, turned)
+        expected = 1.96 * np.sqrt(np.einsum("nii->in", whole))
+        # Lines are drawn without the causes that were found, predictions with them: that matters where damping counts.
+        assert np.median(np.abs(np.array(half)[:, ::20] / expected - 1)) < 0.02
 
 
 def test_the_threshold_speed_has_one_error(fit: FitResult):

@@ -163,7 +163,7 @@ def test_bands_are_those_of_parameters_drawn_from_their_covariance() -> None:
     places = [fit.model.parameter_names.index(name) for name in names]
     theta[:, places] = rng.multivariate_normal(fit.x, 1e-4 * fit.covar, size=400)  # small: the delta method is linear
     for number, curve in enumerate(law_curves(fit.model, fit.theta(), eps)):
-        band = half_width(fit, 0, curve.slope)
+        band = half_width(fit, 0, curve.slope, np.zeros((eps.size, len(fit.causes))))
         drawn = np.array([law_curves(fit.model, vector, eps)[number].value for vector in theta])
         scatter = 1.96 * drawn.std(axis=0) * 100
         # standard deviation of 400 draws: 3.5 %; four of these
@@ -281,9 +281,11 @@ def test_figures_and_what_they_refuse() -> None:
     radius, frequency = fit.plot.whirl(max_speed_rpm=6000, unit=("hz", "mil")).axes
     assert "mil" in radius.get_ylabel()
     line = frequency.get_lines()[0].get_xydata()
-    onset = fit.onset(0)  # of the fitted values alone, as the branch
-    assert onset is not None
-    assert line[0, 0] == pytest.approx(onset.speed / (2 * np.pi), rel=1e-6)
+    onset = fit.threshold_speed()  # with the causes that were found
+    assert line[0, 0] == pytest.approx(onset.value / (2 * np.pi), rel=1e-6)
+    edges = radius.patches[0].get_xy()[[0, 2 * len(line) - 1]]  # where the branch begins, at right angles to it
+    along, up = np.ptp(edges, axis=0) / (line[0, 0], CLEARANCE_UM / 25.4)
+    assert (along + up**2 / along) * onset.value == pytest.approx(3.92 * onset.stderr, rel=0.02)
     _, load = fit.plot.side_load().axes
     assert "N" in load.get_xlabel()
     with refuses(ValueError):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, TypeAlias
@@ -27,6 +27,7 @@ from rotorfit.estimators.starting.start_points import CLOSED_FORM, EARLIER_FIT, 
 from rotorfit.estimators.starting.starts import find_start
 from rotorfit.identify.fitting.causes.calibration import Calibration
 from rotorfit.identify.fitting.causes.solution import NEGLIGIBLE, JointSearch, search, solved_before
+from rotorfit.identify.fitting.causes.table import table_of
 from rotorfit.identify.fitting.judge import (
     explains,
     explains_nothing,
@@ -270,6 +271,8 @@ def judged(
     beside = None if nothing else _beside(problem, solution, settings, for_noise=studied)
     at = problem if beside is None else beside.problem
     study = study_residuals(at, solution.x, beside) if studied else None
+    if settings.causes is None and study is not None and (study.effects or not explains(problem, solution)):
+        notes = (*notes, *_left_out(problem, solution, settings))
     if study is not None and study.found is not None:
         _LOG.info("%s: solved again with the noise that its residuals show", problem.space.model.name)
         offsets, settings = settings.phase_offsets, replace(settings, noise=study.found)
@@ -292,6 +295,18 @@ def judged(
     found = judge(problem, experiments, settings, start, solution, notes, study, beside)
     _LOG.info("%r", found)
     return found
+
+
+def _left_out(problem: Problem, solution: Solution, settings: FitSettings) -> Iterator[Finding]:
+    """The clearest cause that readings show which were to be fitted without any: what differs from run to run, or
+    misses the model, may be its work."""
+    found = search(problem, solution.x, settings.sizes, settings.calibration)
+    if found is None:
+        return
+    errors = found.errors(found.square / max(problem.n_data - problem.space.size, 1))
+    for row in table_of(found.solved(errors)).found[:1]:
+        text = f"the data show {row.words}, which a fit without causes (causes=None, --no-causes) leaves out"
+        yield Finding("warning", "cause-left-out", f"{text}; {row.way_out}", remedy=row.way_out, origin="fit")
 
 
 def _beside(

@@ -69,17 +69,7 @@ def judge(
     redchi, nfree = goodness["redchi"], goodness["nfree"]
     found = _estimated_errors(settings, derivatives, redchi, nfree, solved, noise, beside)
     covar, verdict, noise, errors = found.covar, found.identifiability, found.noise, found.beside
-    causes = None
-    if beside is not None and errors is not None:
-        causes = SolvedCauses(
-            causes=beside.causes,
-            errors=errors,
-            shift=beside.shift,
-            plain=beside.plain,
-            plain_square=beside.plain_square,
-            raised=beside.raised,
-            factor=beside.factor,
-        )
+    causes = None if beside is None or errors is None else beside.solved(errors)
     settings = replace(settings, solved=causes)
     params = _parameters(problem.space, x, start.x, covar, found.degrees, verdict.unresolved, causes)
     plain, begin = problem, x

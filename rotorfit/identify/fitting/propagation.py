@@ -46,9 +46,9 @@ def with_error(fit: FitResult, value: float, slope: Float, by_causes: Float, uni
     return _with_error(fit, value, slope, unit, dict(zip(fit.var_names, slope.tolist(), strict=True)) | named)
 
 
-def by_values_of_causes(fit: FitResult, gradient: Float, group: int, speed: float | None = None) -> Float:
+def by_values_of_causes(fit: FitResult, gradient: Float, group: int, speed: Float | float | None = None) -> Float:
     """Derivatives of results by the sizes of causes that change values of the model, shape ``(..., k)``, from those by
-    the model parameters of a group, ``(..., P)``; ``speed`` as for :func:`propagated`."""
+    the model parameters of a group, ``(..., P)``; ``speed`` as for :func:`propagated`, or one a result."""
     solved = fit.settings.solved
     return value_slopes(fit.model, fit.thetas[group], gradient, speed, solved) if solved else np.zeros(0)
 

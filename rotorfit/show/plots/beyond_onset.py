@@ -10,9 +10,11 @@ from matplotlib.patches import Patch, Polygon
 
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
+from rotorfit.identify.fitting.causes.slopes import onset_term_slopes
+from rotorfit.identify.fitting.propagation import by_values_of_causes
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.models.motion.journal import journal
-from rotorfit.models.motion.whirl import whirl_branch
+from rotorfit.models.motion.whirl import WhirlBranch, whirl_branch
 from rotorfit.show.plots import style
 from rotorfit.show.plots.journal import half_width, reach, rig_of
 
@@ -38,7 +40,8 @@ def plot_whirl(fit: FitResult, *, sheet: style.Sheet, group: int = 0, max_speed:
     radius, frequency = axes[:, 0]
     factor, unit = sheet.position_unit
     clearance = journal(fit.model).clearance
-    speed = branch.speed * sheet.per_rad_s
+    share = onset / branch.speed[0]  # by which the causes that were found move it
+    speed = share * branch.speed * sheet.per_rad_s
     for axis, y in (
         (radius, branch.eccentricity * clearance * factor),
         (frequency, branch.frequency * sheet.per_rad_s),
@@ -47,11 +50,11 @@ def plot_whirl(fit: FitResult, *, sheet: style.Sheet, group: int = 0, max_speed:
             shown = np.where(branch.stable == stable, y, np.nan)
             axis.plot(speed, shown, look, color=_STABLE if stable else _UNSTABLE, lw=1.4)
         axis.axvline(speed[0], color=style.GREY, lw=0.9, ls=":")
-    across = [half_width(fit, group, branch.gradient[:, place]) for place in (0, 1)]
+    across = _across(fit, group, branch)
     signs = np.sign(np.gradient(branch.eccentricity)), -np.sign(np.gradient(branch.speed))  # to one side of the branch
     edges = []
     for side in (1, -1):
-        x = speed + side * signs[0] * across[0] * sheet.per_rad_s
+        x = speed + side * signs[0] * share * across[0] * sheet.per_rad_s
         y = (branch.eccentricity + side * signs[1] * across[1]) * clearance * factor
         edges.append(np.column_stack([x, y]))
     radius.add_patch(Polygon(np.concatenate([edges[0], edges[1][::-1]]), color=_STABLE, alpha=style.BAND, lw=0))
@@ -59,7 +62,7 @@ def plot_whirl(fit: FitResult, *, sheet: style.Sheet, group: int = 0, max_speed:
     radius.set_ylabel(f"radius of the journal's orbit, {unit}")
     frequency.set_ylabel(f"frequency of the whirl, {sheet.rate_unit}")
     frequency.set_xlabel(f"rotative speed, {sheet.rate_unit}")
-    ratio = branch.frequency[0] / branch.speed[0]
+    ratio = branch.frequency[0] / onset
     ends = np.array([speed[0], speed.max()])
     frequency.plot(ends, ratio * ends, ":", color=style.GREY, lw=1.0)
     for axis in (radius, frequency):
@@ -73,6 +76,21 @@ def plot_whirl(fit: FitResult, *, sheet: style.Sheet, group: int = 0, max_speed:
     return figure
 
 
+def _across(fit: FitResult, group: int, branch: WhirlBranch) -> list[Float]:
+    """Half-widths of the 95 % band in speed, rad/s, and eccentricity, at right angles to the branch. What acts beside
+    the values of the model moves speeds by the same share as the onset."""
+    onset, solved = fit.onset(group), fit.settings.solved
+    moved = np.zeros((branch.speed.size, 2, 0))
+    if onset is not None and solved is not None:
+        size = np.array([onset.speed, 1.0])
+        along = np.column_stack([np.gradient(branch.speed), np.gradient(branch.eccentricity)]) / size
+        normal = np.column_stack([along[:, 1], -along[:, 0]]) / np.hypot(*along.T)[:, None]
+        shift = np.outer(branch.speed, onset_term_slopes(fit.model, fit.thetas[group], onset, solved)) / onset.speed**2
+        moved = by_values_of_causes(fit, branch.gradient, group, branch.speed[:, None])
+        moved = moved + (normal * size)[:, :, None] * (normal[:, :1] * shift)[:, None]
+    return [half_width(fit, group, branch.gradient[:, place], moved[:, place]) for place in (0, 1)]
+
+
 @style.on_sheet
 def plot_side_load(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     """Threshold speed against the static eccentricity of the journal, and against the load that holds it there.
@@ -81,7 +99,7 @@ def plot_side_load(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     """
     if len(fit.problem.space.index) > 1:
         raise ValueError("parameters differ between tests: fit one condition for a figure of its threshold")
-    eps, values, errors, loads = _thresholds(fit)
+    eps, values, ends, loads = _thresholds(fit)
     if eps.size < 2:
         raise ValueError("the fitted rotor has no threshold speed at any eccentricity that could be searched")
     figure, axes = sheet.grid(1, 2, f"{rig_of(fit)}: threshold speed under a side load", size=(3.5, 2.8))
@@ -92,7 +110,8 @@ def plot_side_load(fit: FitResult, *, sheet: style.Sheet) -> Figure:
         ("static eccentricity over clearance", f"side load at the journal, {unit}"),
         strict=True,
     ):
-        style.draw_curve(axis, x, values * sheet.per_rad_s, errors * sheet.per_rad_s, _STABLE, lw=1.4)
+        axis.plot(x, values * sheet.per_rad_s, color=_STABLE, lw=1.4)
+        axis.fill_between(x, *(ends * sheet.per_rad_s), color=_STABLE, alpha=style.BAND, lw=0)
         axis.fill_between(x, values * sheet.per_rad_s, axis.get_ylim()[1], color=_UNSTABLE, alpha=0.08, lw=0)
         axis.set_xlabel(words)
         axis.set_xlim(0, float(x.max()))
@@ -106,7 +125,7 @@ def plot_side_load(fit: FitResult, *, sheet: style.Sheet) -> Figure:
 
 
 def _thresholds(fit: FitResult) -> tuple[Float, Float, Float, Float]:
-    """Eccentricities, thresholds, half-widths of their intervals, rad/s, and side loads, N."""
+    """Eccentricities, thresholds and the ends of their intervals, rad/s, and side loads, N."""
     model, theta = fit.model, fit.theta()
     seat = journal(model)
     rows = []
@@ -115,7 +134,7 @@ def _thresholds(fit: FitResult) -> tuple[Float, Float, Float, Float]:
         if not np.isfinite(found.value):
             break  # stable at every speed from here on
         held = model.receptance(theta, 0.0, found.value, eps)[seat.at, seat.at]
-        half = (np.diff(found.interval(0.95, share="noise"))[0]) / 2 if np.isfinite(found.stderr) else np.nan
-        rows.append((eps, found.value, half, eps * seat.clearance / abs(held)))
-    columns = np.array(rows).reshape(-1, 4).T
-    return columns[0], columns[1], columns[2], columns[3]
+        ends = found.interval(0.95) if np.isfinite(found.stderr) else (np.nan, np.nan)
+        rows.append((eps, found.value, *ends, eps * seat.clearance / abs(held)))
+    columns = np.array(rows).reshape(-1, 5).T
+    return columns[0], columns[1], columns[2:4], columns[4]

@@ -13,13 +13,14 @@ from matplotlib.figure import Figure
 from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.digits import significant
 from rotorfit.base.names import unknown_name
-from rotorfit.base.significance import CHANCE_ERRORS
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Responses, force_plane, read_at_the_force
 from rotorfit.estimators.blocks.response import probe_factors
-from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.estimators.starting.force_balance import stiffness_matrices
+from rotorfit.identify.fitting.causes.slopes import stiffness_slopes
+from rotorfit.identify.fitting.propagation import by_values_of_causes
 from rotorfit.identify.fitting.result import FitResult
+from rotorfit.identify.uncertainty.predict import rotor_changes
 from rotorfit.models.motion.neglected_terms import fluid_coordinates
 from rotorfit.show.plots import style
 from rotorfit.show.plots.journal import half_width, rig_of
@@ -252,6 +253,7 @@ def _along_the_data(fit: FitResult, block: OrbitResponses, group: int) -> Iterat
     """Drive-point stiffness of a nonlinear rotor at the orbits that the fit has at the data's lines."""
     base = block.base
     value, slope = block.motion_jacobian(fit.thetas)
+    moved = rotor_changes(fit, block) / probe_factors(block.base, fit.thetas)[:, None]
     own, w = read_at_the_force(base), base.frequency[base.line]
     for p in np.unique(force_plane(base)).tolist():
         for forward in (False, True):
@@ -262,8 +264,10 @@ def _along_the_data(fit: FitResult, block: OrbitResponses, group: int) -> Iterat
             drive, response = base.force[base.line[rows], p], value[rows]
             by_theta = slope[rows]
             kappa = response / drive if base.imposed else drive / response
-            change = by_theta / drive[:, None] if base.imposed else -by_theta * (drive / response**2)[:, None]
-            direct, quadrature = half_width(fit, group, change.real), half_width(fit, group, change.imag)
+            by = (1 / drive if base.imposed else -drive / response**2)[:, None]
+            change, beside = by * by_theta, by * moved[rows]
+            direct = half_width(fit, group, change.real, beside.real)
+            quadrature = half_width(fit, group, change.imag, beside.imag)
             yield p, _Line(frequency=w[rows], kappa=kappa, direct=direct, quadrature=quadrature)
 
 
@@ -361,28 +365,31 @@ def _lines(fit: FitResult, shown: _Shown, row: int, column: int, full: bool) -> 
 
 def _fitted(fit: FitResult, shown: _Shown, row: int, column: int, full: bool) -> _Line:
     """Fitted entry on a fine grid and half-widths of its 95 % band, by the delta method."""
-    model, space = fit.model, fit.problem.space
-    condition = shown.condition
+    model, condition = fit.model, shown.condition
     w = np.linspace(shown.low, shown.high, 300)
-    speed = w if np.isnan(condition.speed) else np.full(w.size, condition.speed)
-    theta = space.theta(fit.x)[condition.group]
+    speed: Float = w if np.isnan(condition.speed) else np.full(w.size, condition.speed)
+    theta = fit.thetas[condition.group]
     kappa: ComplexArray = model.dynamic_stiffness(theta, w, speed)
     s = 1j * (w if model.frame == "z" else np.abs(w))
     jacobian = model.functions.jacobian(np.broadcast_to(theta, (w.size, theta.size)), speed)
-    if full:
-        value: ComplexArray = kappa[:, row, column]
-        weight = ((jacobian.rows == row) & (jacobian.columns == column)).astype(complex)[None, :]
-    else:
+    value: ComplexArray = kappa[:, row, column]
+    weight = np.zeros_like(kappa)  # of each entry of the matrix in the change of the value
+    weight[:, row, column] = 1.0
+    if not full:
         H = np.linalg.inv(kappa)
         value = np.asarray(1 / H[:, row, row])
         # d(1/H_pp) = H_p. dkappa H_.p / H_pp^2
-        weight = H[:, row, :][:, jacobian.rows] * H[:, :, row][:, jacobian.columns] * (value**2)[:, None]
-    entries = weight * s[:, None] ** jacobian.powers * jacobian.values
+        weight = H[:, row, :, None] * H[:, :, row][:, None, :] * (value**2)[:, None, None]
+    entries = weight[:, jacobian.rows, jacobian.columns] * s[:, None] ** jacobian.powers * jacobian.values
     by_theta = np.zeros((w.size, theta.size + 2), dtype=complex)  # two more inputs: speed and eccentricity
     np.add.at(by_theta.T, jacobian.inputs, entries.T)
-    slope = space.pull_back(by_theta[:, : theta.size], condition.group)
-    bands = [CHANCE_ERRORS * standard_error(part, fit.covar) for part in (slope.real, slope.imag)]
-    return _Line(frequency=w, kappa=value, direct=bands[0], quadrature=bands[1])
+    slope, solved, group = by_theta[:, : theta.size], fit.settings.solved, condition.group
+    moved = by_values_of_causes(fit, slope, group, speed) if solved else np.zeros((w.size, 0), dtype=complex)
+    if solved:
+        added = stiffness_slopes(model, theta, np.asarray(s.imag), np.asarray(speed), solved)
+        moved = moved + np.einsum("kwij,wij->wk", added, weight)
+    direct, quadrature = half_width(fit, group, slope.real, moved.real), half_width(fit, group, slope.imag, moved.imag)
+    return _Line(frequency=w, kappa=value, direct=direct, quadrature=quadrature)
 
 
 def _limits(pair: tuple[Any, ...], factor: float, curves: Sequence[_Line], points: Sequence[Points]) -> None:
@@ -397,7 +404,7 @@ def _limits(pair: tuple[Any, ...], factor: float, curves: Sequence[_Line], point
             if own is axis
             for line in curves
             for value, half in [(line.kappa.imag, line.quadrature) if number else (line.kappa.real, line.direct)]
-            for side in (-1, 1)
+            for side in (-1.5, 1.5)  # a band that filled the panel would not be seen as one
         ]
         both = np.concatenate(ends)
         low, high = float(both.min()), float(both.max())

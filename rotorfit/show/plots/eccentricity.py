@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rotorfit.base.array_types import Index
+from rotorfit.identify.fitting.propagation import by_values_of_causes
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.models.coefficient_tables import changing_fluid, law_curves
 from rotorfit.show.plots import journal, style
@@ -32,9 +33,11 @@ def plot_law(fit: FitResult, *, sheet: style.Sheet) -> Figure:
         curves = [curves[place] for curves in sets]
         every = np.concatenate([curve.value for curve in curves])
         factor, unit = style.prefix(every, curves[0].unit)
-        for number, ((group, _), curve) in enumerate(zip(series, curves, strict=True)):
+        for number, ((group, speed), curve) in enumerate(zip(series, curves, strict=True)):
             colour, value = style.colour_of(number, len(series)), factor * curve.value
-            band = factor * journal.half_width(fit, group, curve.slope)
+            band = factor * journal.half_width(
+                fit, group, curve.slope, by_values_of_causes(fit, curve.slope, group, speed)
+            )
             axis.plot(eps[seen], value[seen], color=colour, lw=1.4)
             axis.plot(eps[~seen], value[~seen], ":", color=colour, lw=1.4)
             axis.fill_between(eps, value - band, value + band, color=colour, alpha=style.BAND, lw=0)

@@ -13,8 +13,8 @@ from rotorfit.base.significance import CHANCE_ERRORS
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.blocks.response import probe_factors
-from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.identify.fitting.headline import rig_name
+from rotorfit.identify.fitting.propagation import stderr_of
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.summary import natural
 from rotorfit.models import RotorModel
@@ -98,10 +98,10 @@ def drive_stiffness(
     return np.asarray(value), slope[:-1].T
 
 
-def half_width(fit: FitResult, group: int, slope: Float) -> Float:
-    """Half-width of the 95 % band of a quantity, shape ``(E,)``."""
-    by_fitted = fit.problem.space.pull_back(slope, group)
-    return np.asarray(CHANCE_ERRORS * standard_error(by_fitted, fit.covar))
+def half_width(fit: FitResult, group: int, slope: Float, by_causes: Float) -> Float:
+    """Half-width of the 95 % band of a quantity, shape ``(E,)``, by its derivatives by the parameters, ``(E, P)``, and
+    by the sizes of the causes that act on the rotor, the parameters held, ``(E, k)``."""
+    return CHANCE_ERRORS * stderr_of(fit, fit.problem.space.pull_back(slope, group), by_causes)
 
 
 def eccentricities(fit: FitResult) -> Float:

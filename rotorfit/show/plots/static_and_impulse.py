@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.estimators.blocks.small_motion import FreeVibrations
+from rotorfit.identify.fitting.propagation import by_values_of_causes
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.models.coefficient_tables import changing_fluid, law_curves
 from rotorfit.models.motion.off_centre import off_centre_eigenvalues
@@ -108,7 +109,8 @@ def plot_static_stiffness(fit: FitResult, *, sheet: style.Sheet) -> Figure:
             for axis, (factor, points, curve, by) in zip(axes[:, 0], parts, strict=True):
                 if not np.isfinite(factor):
                     continue
-                error, band = np.abs(factor) * sigma, np.abs(factor) * half_width(fit, group, by)
+                moved = by_values_of_causes(fit, by, group, speed)
+                error, band = np.abs(factor) * sigma, np.abs(factor) * half_width(fit, group, by, moved)
                 axis.errorbar(lines.eccentricity[here], factor * points, error, color=colour, **_POINTS)
                 style.draw_curve(axis, eps, factor * curve, band, colour)
     single = len(fit.model.coordinates) == 1
@@ -166,7 +168,7 @@ def _draw_ratios(fit: FitResult, axis: Any, speeds: list[float], eps: Float) -> 
         for curve in law_curves(fit.model, fit.thetas[group], eps, speed):
             if not curve.name.startswith("lam"):
                 continue
-            band = half_width(fit, group, curve.slope)
+            band = half_width(fit, group, curve.slope, by_values_of_causes(fit, curve.slope, group, speed))
             style.draw_curve(axis, eps, curve.value, band, colour, "--", lw=1.2)
             axis.text(eps[-1], curve.value[-1], f" {curve.name.replace('lam', 'λ')}", fontsize=8, color=colour)
             drawn = True

@@ -18,6 +18,7 @@ from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.set_speeds import once_per_turn
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.summary import natural
+from rotorfit.identify.uncertainty.predict import rotor_changes
 from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.observing.circular import observe
 from rotorfit.lab.observing.measured_stiffness import IsotropicPlanes
@@ -236,15 +237,16 @@ def measured_curves(test: PerturbationTest, sheet: Sheet) -> tuple[RotorModel, l
 def _curves(fit: FitResult, conditions: Sequence[SweepCondition], part: Sweeps) -> Iterator[SweepCurve]:
     base = part.responses
     predicted, by_theta = part.block.predict_jacobian(fit.thetas)
+    by_causes = rotor_changes(fit, part.block)
     drive, share = _drive(base)
     for curve in _measured(base, conditions, part.condition):
         rows = curve.reading
         alike = base.beside is None and bool((share[rows] == share[rows[0]]).all())
         if isinstance(part.block, Responses) and not base.imposed and alike:
-            fine, fitted, slope = _fine(fit, part.block, rows)
+            fine, fitted, slope, moved = _fine(fit, part.block, rows)
         else:
             fine, fitted = curve.frequency, predicted[rows] / drive[rows]
-            slope = by_theta[rows] / drive[rows, None]
+            slope, moved = by_theta[rows] / drive[rows, None], by_causes[rows] / drive[rows, None]
         yield replace(
             curve,
             block=np.full(rows.size, part.number),
@@ -252,7 +254,7 @@ def _curves(fit: FitResult, conditions: Sequence[SweepCondition], part: Sweeps) 
             whitened=(predicted[rows] - base.measured[rows]) / base.sigma[rows],
             fine=fine,
             fitted=fitted,
-            band=_band(fit, curve.condition.group, fitted, slope),
+            band=_band(fit, curve.condition.group, fitted, slope, moved),
         )
 
 
@@ -313,8 +315,9 @@ def forced_planes(model: RotorModel, force_plane: int) -> str:
     return f"forces at {' and '.join(planes)}"
 
 
-def _fine(fit: FitResult, block: Responses, rows: Index) -> tuple[Float, ComplexArray, ComplexArray]:
-    """Fitted response along a sweep and its derivatives, on a grid fine enough for sharp resonances."""
+def _fine(fit: FitResult, block: Responses, rows: Index) -> tuple[Float, ComplexArray, ComplexArray, ComplexArray]:
+    """Fitted response along a sweep and its derivatives by parameters and by causes of the rotor, on a grid fine enough
+    for sharp resonances."""
     line = block.line[rows]
     w = block.frequency[line]
     points = 1200  # points of a fitted line
@@ -337,10 +340,13 @@ def _fine(fit: FitResult, block: Responses, rows: Index) -> tuple[Float, Complex
     )
     value, slope = grid.predict_jacobian(fit.thetas)
     drive = force[np.argmax(np.abs(force))]
-    return fine, value / drive, slope / drive
+    return fine, value / drive, slope / drive, rotor_changes(fit, grid) / drive
 
 
-def _band(fit: FitResult, group: int, value: ComplexArray, slope: ComplexArray) -> tuple[Float, Float]:
+def _band(
+    fit: FitResult, group: int, value: ComplexArray, slope: ComplexArray, by_causes: ComplexArray
+) -> tuple[Float, Float]:
     """Half-widths for the logarithm of the amplitude and for the phase, by the delta method."""
-    relative = np.divide(slope, value[:, None], out=np.zeros_like(slope), where=value[:, None] != 0)
-    return half_width(fit, group, relative.real), half_width(fit, group, relative.imag)
+    size = np.where(value != 0, value, np.inf)[:, None]
+    by, moved = slope / size, by_causes / size
+    return half_width(fit, group, by.real, moved.real), half_width(fit, group, by.imag, moved.imag)

@@ -11,18 +11,37 @@ from rotorfit.models.motion.neglected_terms import eigenvalue_shift, onset_shift
 from rotorfit.models.motion.stability import SPEEDS, fastest_growth, first_growth, search_limits, seats
 
 
-def value_slopes(model: RotorModel, theta: Float, gradient: Float, speed: float | None, solved: SolvedCauses) -> Float:
+def value_slopes(
+    model: RotorModel, theta: Float, gradient: Float, speed: Float | float | None, solved: SolvedCauses
+) -> Float:
     """Derivatives of a result by the sizes of causes that change values of the model, shape ``(..., k)``.
 
     Args:
         model: the rotor.
         theta: its parameter vector, shape ``(P,)``.
         gradient: derivatives by it, shape ``(..., P)``.
-        speed: rotative speed, rad/s, that the result belongs to; none for one at the values themselves.
+        speed: rotative speed, rad/s, that the result belongs to, or one each; none for one at the values themselves.
         solved: the causes.
     """
     found = [cause.act.values_at(model, theta, speed) for cause in solved.causes]
-    return np.stack([np.zeros(gradient.shape[:-1]) if one is None else gradient @ one for one in found], axis=-1)
+    zero = np.zeros(gradient.shape[:-1])
+    return np.stack([zero if one is None else (gradient * one).sum(axis=-1) for one in found], axis=-1)
+
+
+def stiffness_slopes(
+    model: RotorModel, theta: Float, frequency: Float, speed: Float, solved: SolvedCauses
+) -> ComplexArray:
+    """Derivatives of the dynamic stiffness at frequencies and speeds, rad/s, by the sizes of causes that act on the
+    rotor beside its values, shape ``(k, W, n, n)``."""
+    n = len(model.coordinates)
+    found = np.zeros((len(solved.causes), frequency.size, n, n), dtype=complex)
+    for one, cause in zip(found, solved.causes, strict=True):
+        for here, whirl in ((frequency >= 0, 1.0), (frequency < 0, -1.0)):
+            if (term := cause.act.term(model, theta, whirl)) is None:
+                continue
+            for i, j, weight in term.entries:
+                one[here, i, j] += weight * term.factor(np.asarray(1j * frequency[here]), speed[here])
+    return found
 
 
 def eigenvalue_slopes(model: RotorModel, theta: Float, speed: float, s: complex, solved: SolvedCauses) -> ComplexArray:

@@ -62,6 +62,18 @@ class JointSearch:
         """Standard uncertainties of the causes before the data."""
         return np.array([cause.size for cause in self.causes])
 
+    def solved(self, errors: JointErrors) -> SolvedCauses:
+        """The causes as a fit keeps them, with the errors that they leave."""
+        return SolvedCauses(
+            causes=self.causes,
+            errors=errors,
+            shift=self.shift,
+            plain=self.plain,
+            plain_square=self.plain_square,
+            raised=self.raised,
+            factor=self.factor,
+        )
+
     def errors(self, widening: float) -> JointErrors:
         """The errors that the causes leave. ``widening``: variance of the residuals over that of the noise. Noise that
         is larger than given weighs the data less. A misfit that no listed cause explains widens all errors alike, lest
