@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from html import unescape
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,12 @@ def test_vectors_are_chosen(
     if command != "join":
         assert main([command, *volts, "--where", HZ, *more]) == 0
         assert " readings in 2 runs" in capsys.readouterr().out
+    if command == "fit":
+        words = ["fit", "full.csv", "--where", HZ, *more, "--out", "chosen", "--no-figures"]
+        assert main(words) == 0
+        report = unescape(Path("chosen/report.html").read_text(encoding="utf-8"))
+        assert f"rotorfit {' '.join(words)}" in report
+        assert "rf.read('full.csv', where={'frequency_hz': (80.0, 120.0)})" in report
 
 
 def test_a_study_chooses_of_recordings(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import webbrowser
 from contextlib import ExitStack, nullcontext
 from dataclasses import replace
@@ -97,6 +98,7 @@ def _identify(study: Study, options: argparse.Namespace, rig: str = "") -> ExitC
             folder = stack.enter_context(complete_folder(study.out)) if study.out else None
             outcome = checked(lambda: run_study(study, progress, checkpoint, executor), getattr(options, "study", None))
             if folder is not None:
+                outcome = replace(outcome, command="" if rig else shlex.join(["rotorfit", *options.words]))
                 unwritten = write_outcome(outcome, folder, progress, rig, options.figure_format, options.interactive)
                 for path in [path for file in study.files for path in file.paths] if rig else ():
                     copyfile(path, folder / path.name)  # so that what the report says to reproduce it runs there

@@ -143,6 +143,7 @@ def _carry_out(arguments: Sequence[str] | None) -> int:
     parser = build_parser(asked)
     _refuse_misspelt(parser, words)
     options = parser.parse_args(words)
+    options.words = words
     if options.command is None:
         parser.print_help()
         return ExitCode.DONE

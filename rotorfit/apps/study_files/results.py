@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.apps.study_files.data_files import RecordingFiles, StudyProgress
+from rotorfit.apps.study_files.data_files import DataFile, RecordingFiles, StudyProgress
 from rotorfit.apps.study_files.study import Outcome
 from rotorfit.apps.study_files.text import summary
 from rotorfit.base.array_types import Float
@@ -135,7 +135,16 @@ def _report_parts(outcome: Outcome, progress: StudyProgress) -> dict[str, Any]:
         "bootstrap": outcome.bootstrap,
         "recordings": [record for files in recorded for record in files.open(progress)],
         "turns": next((files.windows for files in recorded), None),
+        "command": outcome.command,
+        "reading": {str(file.path): _read_with(file) for file in outcome.study.files},
     }
+
+
+def _read_with(file: DataFile | RecordingFiles) -> dict[str, Any]:
+    """Options that a file was read with, by name."""
+    if isinstance(file, DataFile):
+        return dict(file.options)
+    return {name: value for name in ("where", "exclude", "stator") if (value := getattr(file, name))}
 
 
 def _write_csv(path: Path, rows: Iterable[Sequence[Any]]) -> None:

@@ -55,6 +55,7 @@ class Outcome:
     posterior: Posterior | None = None  # of the result to act on, if asked for, as the two below
     profiles: tuple[Profile, ...] = ()
     bootstrap: Bootstrap | None = None
+    command: str = ""  # what was typed for it
 
     @property
     def best(self) -> FitResult:

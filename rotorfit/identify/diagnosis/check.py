@@ -138,6 +138,8 @@ _MENDED: Mapping[str, Callable[..., PerturbationTest]] = {
     "reversed-rotation": _mirrored,
 }
 """How errors are undone that tests show themselves, by the names that their findings give."""
+SHOWN_BY_TESTS = _LEFT_OUT | {*_MENDED}
+"""Names by which a finding of a test alone says how it is undone."""
 
 
 def _of_its_kind(test: Experiment) -> Iterator[Finding]:

@@ -18,11 +18,11 @@ import numpy as np
 from rotorfit.base.array_types import Float, Index
 from rotorfit.base.names import unknown_name
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.identify.diagnosis.check import check, mended
+from rotorfit.identify.diagnosis.check import SHOWN_BY_TESTS, check, mended
 from rotorfit.identify.diagnosis.orbits import Orbits, orbits_of_tests, total_power
 from rotorfit.identify.diagnosis.probe_filters import FilteredProbe
 from rotorfit.identify.diagnosis.probe_pairs import uneven_planes
-from rotorfit.identify.diagnosis.trial_fits import MOST_PLANES, Explanation
+from rotorfit.identify.diagnosis.trial_fits import MOST_PLANES, Explanation, corrected_by_value
 from rotorfit.lab.data.experiments import PerturbationTest, perturbations
 from rotorfit.lab.data.findings import listed
 from rotorfit.lab.data.rows import Experiment
@@ -40,12 +40,13 @@ _FORCE_LAWS = {
     (0, 2): (
         "unbalance-as-constant",
         "the forces are those of an unbalance, which grow with the square of the frequency, and are given as constant",
-        "give the unbalance (mr_g_mm) in place of force_N",
+        'give the unbalance (mr_g_mm) in place of force_N (numbers in g mm: columns = {force_N = "mr_g_mm"}, '
+        "--column force_N=mr_g_mm)",
     ),
     (2, 0): (
         "constant-as-unbalance",
         "the forces are constant, and are given as those of an unbalance",
-        "give force_N in place of mr_g_mm",
+        'give force_N in place of mr_g_mm (numbers in N: columns = {mr_g_mm = "force_N"}, --column mr_g_mm=force_N)',
     ),
 }
 """By powers of the frequency that forces grow with, as given and in truth: code, what is wrong, how it is undone."""
@@ -202,7 +203,7 @@ def data_errors(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
                 code="levels-in-decibels",
                 of=unit,
                 message=f"the amplitudes are in dB and read as {unit}",
-                undo="give them in the unit that 0 dB stands for",
+                undo="give them in the unit that 0 dB stands for, 10^(L/20) times it",
                 correct=partial(_from_decibels, unit=size),
                 leaves_at_most=misfit_of_levels,
                 leaves_scale_open=True,
@@ -213,7 +214,7 @@ def data_errors(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
             code=PHASE_ZEROS,
             message="all forces are one angle off against all readings, as where weight holes, Keyphasor and probes "
             "have no common zero",
-            undo="give the angle, or fit it (phase_offsets common)",
+            undo='give the angle, or fit it (phase_offsets = "common", --phase-offsets common)',
             correct=partial(_with_forces_times, factor=np.exp(1j * np.radians(degrees))),
             frees_datum=True,
         )
@@ -393,10 +394,13 @@ def undone(experiments: Sequence[Experiment], names: Sequence[str]) -> tuple[Exp
     corrected = list(experiments)
     for name in names:
         shown = [[found for found in check(test) if found.correction == name] for test in corrected]
-        if any(shown):
+        if name in SHOWN_BY_TESTS and any(shown):
             corrected = [mended(test, found) for test, found in zip(corrected, shown, strict=True)]
             continue
         tests = perturbations(corrected)
+        if (by_value := corrected_by_value(tests, name)) is not None:
+            corrected = [test.corrected(by_value) for test in corrected]
+            continue
         orbits = orbits_of_tests(tests)
         beside = (*backward_angles(tests), *data_errors(tests))
         possible = (*mirrored_orbits(orbits), *filtered_probes(uneven_planes(orbits)), *beside)

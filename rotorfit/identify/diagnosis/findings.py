@@ -32,6 +32,7 @@ from rotorfit.identify.diagnosis.orbits import Orbits, orbits_of_tests
 from rotorfit.identify.diagnosis.probe_filters import CHANNEL_FILTERS, POWERS, ChannelFilter, values_to_try
 from rotorfit.identify.diagnosis.probe_pairs import UNEVEN, uneven_planes
 from rotorfit.identify.diagnosis.trial_fits import (
+    ALL,
     EXPLAINED_MISFIT_SHARE,
     EXPLAINING_MISFIT_SHARE,
     MOST_PLANES,
@@ -320,9 +321,9 @@ def _findings(tried: Sequence[Explanation]) -> list[Finding]:
 def filters(readings: Readings, missed: float, hint: Hint, uneven: Collection[str]) -> Iterator[Explanation]:
     """Explanations of the data by filters of all probes and of those at one plane, unless its probes differ."""
     planes = np.unique(readings.plane).tolist()
-    groups = [("all readings", np.ones(readings.plane.size, dtype=bool))]
+    groups = [(ALL, np.ones(readings.plane.size, dtype=bool))]
     some = [plane for plane in planes[:MOST_PLANES] if plane not in uneven] if len(planes) > 1 else []
-    groups += [(f"the readings at {plane}", readings.plane == plane) for plane in some]
+    groups += [(f"at {plane}", readings.plane == plane) for plane in some]
     whole = readings.s / readings.middle
     for who, rows in groups:
         least = np.inf
@@ -330,7 +331,12 @@ def filters(readings: Readings, missed: float, hint: Hint, uneven: Collection[st
             for power, (code, what, undo) in POWERS.items():
                 left, end = trial(readings.corrected(np.where(rows, whole**power, 1.0)))
                 least = min(left / missed, least)
-                yield Explanation(left=left / missed, code=code, message=f"{who} are {what}", undo=undo, end=end)
+                message, column = f"{_readings_said(who)} are {what}", _COLUMNS.get(power, "")
+                named = (
+                    f'give them as such (columns = {{amplitude_um = "{column}"}}, --column amplitude_um={column}), or '
+                )
+                way = f"{named if who == ALL and column else ''}{undo}"
+                yield Explanation(left=left / missed, code=code, message=message, undo=way, end=end)
         for kind in CHANNEL_FILTERS if least > EXPLAINED_MISFIT_SHARE else ():
             if hint(np.where(rows, kind.slope(readings.s), 0.0)[:, None]):
                 yield from _searched(readings, kind, who, rows, missed)
@@ -354,6 +360,21 @@ def _searched(readings: Readings, kind: ChannelFilter, who: str, rows: Bool, mis
         method="bounded",
         options={"maxiter": 10},
     )
-    what, undo = kind.words(float(np.exp(found.x)))
-    left = float(found.fun) / missed
-    yield Explanation(left=left, code=kind.code, message=f"{who} are {what}", undo=undo, free=1)
+    value = float(np.exp(found.x))
+    what, undo = kind.words(value)
+    yield Explanation(
+        left=float(found.fun) / missed,
+        code=kind.code,
+        message=f"{_readings_said(who)} are {what}",
+        undo=undo,
+        correction=f"{kind.code} ({who}: {kind.shown(value)})",
+        free=1,
+    )
+
+
+_COLUMNS = {1: "velocity_mm_s", 2: "acceleration_g"}
+"""Columns of a table whose readings are such powers of s = jw times a displacement."""
+
+
+def _readings_said(who: str) -> str:
+    return "all readings" if who == ALL else f"the readings {who}"

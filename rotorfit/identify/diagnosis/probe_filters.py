@@ -24,9 +24,13 @@ class ChannelFilter:
     slope: Callable[[ComplexArray], ComplexArray]  # change of the logarithm of that by a little of the filter
     corner: bool = True  # whether the value is a frequency, rad/s, or a time, s
 
+    def shown(self, value: float) -> str:
+        """The value with its unit."""
+        return f"{significant(value / (2 * np.pi), 3)} Hz" if self.corner else f"{significant(value, 3)} s"
+
     def words(self, value: float) -> tuple[str, str]:
         """Words for readings behind it, and how it is undone."""
-        said = f"{significant(value / (2 * np.pi), 3)} Hz" if self.corner else f"{significant(value, 3)} s"
+        said = self.shown(value)
         return self.message.format(value=said), self.undo.format(value=said)
 
 
@@ -65,7 +69,7 @@ CHANNEL_FILTERS = (
         slope=lambda s: 1 / s,
     ),
     ChannelFilter(
-        code="high-pass",
+        code="high-pass-2",
         message="behind a high-pass of second order with its corner at {value}, as velocity sensors have",
         undo="divide by (j f)^2 / ((j f)^2 + 1.414 j f {value} + ({value})^2)",
         seen=lambda s, corner: s**2 / (s**2 + np.sqrt(2) * corner * s + corner**2),

@@ -79,7 +79,8 @@ def uneven_probes(orbits: Orbits) -> Iterator[Finding]:
                 f"frequency, as no rotor does. Half of that is in every response there. To undo it: {undo}, or leave "
                 "it out."
             )
-            yield Finding("warning", "probe-filter", text, one.rows, remedy=undo)
+            name = f"probe-filter ({plane} {probe})"
+            yield Finding("warning", "probe-filter", text, one.rows, remedy=undo, correction=name)
         else:
             uneven.append(plane)
     if uneven:

@@ -7,8 +7,10 @@ one number, that number is the error.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -21,7 +23,14 @@ from rotorfit.estimators.blocks.row_keys import numbers, rows_by
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.starting.closed_form import closed_form
 from rotorfit.estimators.starting.start_points import short_fits
-from rotorfit.identify.diagnosis.probe_filters import INSTRUMENT_SCATTER, POWERS, SAME_FACTOR, likeness
+from rotorfit.identify.diagnosis.probe_filters import (
+    CHANNEL_FILTERS,
+    INSTRUMENT_SCATTER,
+    POWERS,
+    SAME_FACTOR,
+    likeness,
+)
+from rotorfit.lab.data.experiments import PerturbationTest
 
 Hint = Callable[[ComplexArray], bool]
 """Answers True if small errors whose logarithm changes readings so, shape ``(R, k)``, may explain the misfit."""
@@ -33,6 +42,8 @@ EXPLAINING_MISFIT_SHARE = 0.1
 left by a factor of theirs: missing structure alone does not vanish by what has nothing to do with it. Chosen."""
 PROMISING_MISFIT_SHARE = 0.5
 """Share of the misfit that the right value leaves at most in a closed form, or without the wrong readings. Chosen."""
+ALL = "all"
+"""Who all readings are, in the name of a correction."""
 MOST_PLANES = 4
 """Planes that are looked at one by one. Chosen: an experiment with an error has few."""
 
@@ -209,25 +220,30 @@ def _of_group(readings: Readings, group: _Group, missed: float) -> Iterator[tupl
 
 def _levels(readings: Readings, known: Sequence[str]) -> Iterator[list[_Group]]:
     """Sets of readings, the likeliest to share an error first; of later ones none that an earlier one explains."""
-    w = readings.frequency
-    speeds = np.unique(readings.speed).tolist()
+    columns = (readings.problem.run, readings.speed, readings.frequency, readings.plane, readings.force_plane)
+    return _groups(*columns, f", unless what was given as known ({', '.join(known)}) is wrong" if known else "")
+
+
+def _groups(
+    run: Text, speed: Float, w: Float, plane: Text, force_plane: Text, unless: str = ""
+) -> Iterator[list[_Group]]:
+    """The same of readings by their columns, shape ``(R,)`` each."""
+    speeds = np.unique(speed).tolist()
     ways = [
-        [(f"of run {run}", readings.problem.run == run) for run in np.unique(readings.problem.run).tolist()],
-        [(f"at {v * RPM_PER_RAD_S:.6g} rpm", readings.speed == v) for v in speeds if len(speeds) <= _MOST_SPEEDS],
+        [(f"of run {one}", run == one) for one in np.unique(run).tolist()],
+        [(f"at {v * RPM_PER_RAD_S:.6g} rpm", speed == v) for v in speeds if len(speeds) <= _MOST_SPEEDS],
         [("of forward whirl", w > 0), ("of backward whirl", w < 0)],
     ]
-    planes = np.unique(readings.plane).tolist()
-    forced = np.unique(readings.force_plane).tolist()
-    unless = f", unless what was given as known ({', '.join(known)}) is wrong" if known else ""
-    forces = [(f"under forces at {p}", readings.force_plane == p, f"at {p}") for p in forced]
-    yield [*_set(forces, unless), *_set([(f"at {p}", readings.plane == p, "") for p in planes], unless)]
+    planes = np.unique(plane).tolist()
+    forces = [(f"under forces at {p}", force_plane == p, f"at {p}") for p in np.unique(force_plane).tolist()]
+    yield [*_set(forces, unless), *_set([(f"at {p}", plane == p, "") for p in planes], unless)]
     yield [group for way in ways for group in _set([(who, rows, who) for who, rows in way])]
     if len(planes) > 1:
         for way in reversed(ways):
             yield [
                 group
                 for p in planes
-                for group in _set([(f"{who} at {p}", rows & (readings.plane == p), "") for who, rows in way])
+                for group in _set([(f"{who} at {p}", rows & (plane == p), "") for who, rows in way])
             ]
 
 
@@ -277,10 +293,54 @@ def _explanation(group: _Group, power: int, factor: complex, left: float) -> Exp
             f"act {significant(angle, 3, sign=True)} degrees from where they are given (weights in other holes)"
         )
     cause = f", or the forces {group.forces} {' and '.join(causes)}" if group.forces else ""
+    vector = f"{significant(size, 3)} at {significant(angle, 3)} degrees"
     return Explanation(
         left=left,
         code=codes[0],
         message=f"the readings {group.who} {' and '.join(parts)}{cause}{group.unless}",
-        undo=f"divide the readings {group.who} by {significant(size, 3)} at {significant(angle, 3)} degrees",
+        undo=f"divide the readings {group.who} by {vector}",
+        correction=f"{codes[0]} ({group.who}: {vector})",
         free=free,
     )
+
+
+# ---- corrections by a value ------------------------------------------------------------------------------------------
+
+
+_BY_VALUE = re.compile(r"(?P<code>[\w-]+) \((?P<who>.+): (?P<value>[-+.\de]+)(?: at (?P<angle>[-+.\de]+))? [\w ]+\)")
+"""Name of a correction that says its value, ``delay (all: 0.0015 s)``, ``readings-scaled (of run 3: 2 at 0 degrees)``.
+"""
+
+
+def corrected_by_value(
+    tests: Sequence[PerturbationTest], name: str
+) -> Callable[[PerturbationTest], PerturbationTest] | None:
+    """The correction that a name says with its value, another one if a person changed it; None for other names and
+    for readings that there are not."""
+    said = _BY_VALUE.fullmatch(name)
+    whose = {who for test in tests for who in _rows_of_groups(test)}
+    if said is None or said["who"] not in whose:
+        return None
+    value, kinds = float(said["value"]), {kind.code: kind for kind in CHANNEL_FILTERS}
+    if not value > 0:
+        return None
+    if said["angle"] is not None:
+        factor = value * np.exp(1j * np.radians(float(said["angle"])))
+        return partial(_divided, who=said["who"], by=lambda s: np.full(s.shape, factor))
+    kind = kinds.get(said["code"])
+    if kind is None:
+        return None
+    size = value * 2 * np.pi if kind.corner else value
+    return partial(_divided, who=said["who"], by=lambda s: kind.seen(s, size))
+
+
+def _rows_of_groups(test: PerturbationTest) -> dict[str, Bool]:
+    columns = (test.run, test.set_speed, test.frequency, test.plane, test.force_plane)
+    groups = {group.who: group.rows for level in _groups(*columns) for group in level}
+    return {ALL: np.ones(len(test), dtype=bool), **groups}
+
+
+def _divided(test: PerturbationTest, *, who: str, by: Callable[[ComplexArray], ComplexArray]) -> PerturbationTest:
+    rows = _rows_of_groups(test).get(who, np.zeros(len(test), dtype=bool))
+    seen = np.where(rows, by(1j * np.abs(test.frequency)), 1.0)
+    return replace(test, response=test.response / seen, sigma=test.sigma / np.abs(seen))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from rotorfit.base.significance import P_CHANCE
 from rotorfit.identify.fitting.result import FitResult
@@ -40,5 +40,7 @@ class ReportInput:
     figure_format: FigureFormat = "png"
     recordings: Sequence[Recording] = ()
     turns: int | None = None
+    command: str = ""
+    reading: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     interactive: bool = False
     pictures: dict[str, bytes] = field(default_factory=dict)

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import fields, replace
 from importlib.metadata import version
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,7 @@ def reproduce_section(material: ReportInput) -> Html:
     packages = ["casadi", "numpy", "scipy", "matplotlib", *(["emcee"] if material.posterior is not None else [])]
     versions = [f"rotorfit {VERSIONS}", f"Python {platform.python_version()}"]
     versions += [f"{name} {version(name)}" for name in packages]
-    command = _command(material)
+    command = material.command or _command(material)
     shell = [paragraph("On the command line:"), element("pre", command)] if command else []
     return section(
         "To reproduce",
@@ -62,18 +63,20 @@ def _origin(material: ReportInput) -> tuple[FitResult, bool]:
     return replace(first, settings=asked), True
 
 
-def _source(experiment: Experiment) -> str:
+def _source(experiment: Experiment, reading: Mapping[str, Mapping[str, Any]] = MappingProxyType({})) -> str:
     """How an experiment came about."""
     if not experiment.source:
         return "data_in_memory"
     recorded = _recorded(experiment.source)
+    given = reading.get(recorded[0][0] if recorded else experiment.source, {})
+    chosen = "".join(f", {name}={_shown(value)}" for name, value in given.items())
     if recorded is None:
-        return f"rf.read({experiment.source!r})"
+        return f"rf.read({experiment.source!r}{chosen})"
     files, setup = recorded
     rest = f", {setup!r}" if setup else ""
     records = f"[{', '.join(f'rf.read_recording({name!r}{rest})' for name in files)}]"
     options = "".join(f", {name}={value:g}" for name, value in experiment.reduced_with.items())
-    return f"rf.{experiment.reducer}({records}{options})"
+    return f"rf.{experiment.reducer}({records}{options}{chosen})"
 
 
 def _recorded(source: str) -> tuple[list[str], str] | None:
@@ -88,7 +91,7 @@ def _calls(material: ReportInput) -> Iterator[str]:
     yield "import rotorfit as rf"
     if fit.settings.priors:
         yield "import scipy.stats"
-    sources = [_source(experiment) for experiment in fit.experiments]
+    sources = [_source(experiment, material.reading) for experiment in fit.experiments]
     yield f"model = {_shown(fit.model)}"
     yield f"experiments = [{', '.join(sources)}]"
     parts = [f"{name}={_shown(value)}" for name, value in _given(fit.settings).items()]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rotorfit.base.units import in_rad_s
 from rotorfit.estimators.misfit.parameter_space import DATUM
@@ -44,6 +44,8 @@ def write_report(
     recordings: Sequence[Recording] = (),
     turns: int | None = None,
     interactive: bool = False,
+    command: str = "",
+    reading: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> Path:
     """Write the report of a fit as one self-contained HTML file, whole or not at all.
 
@@ -64,6 +66,8 @@ def write_report(
         figure_format: of these files: png, pdf or svg; none leaves figures out of the report too.
         recordings: what the experiments were reduced from, to be shown with what was done to them.
         turns: as :func:`rotorfit.responses` was given it.
+        command: what was typed for this fit; by default the command is worked out of the fit.
+        reading: options of :func:`rotorfit.read` that files were read with, by the first of their paths.
         interactive: with Bode plots to zoom and to point at; Bokeh's script makes the file some MB larger.
 
     Returns:
@@ -97,6 +101,8 @@ def write_report(
         recordings=recordings,
         turns=turns,
         interactive=interactive,
+        command=command,
+        reading=reading or {},
     )
     _check(material)
     text = document(material, title or title_of(fit))
