@@ -59,13 +59,17 @@ class Work:
 
 _FIT = "fit rig.csv --model whirl-whip --known K3={} --no-figures --quiet --out out"
 _JOIN = "join rig.csv --where speed_rpm={} --quiet --out a"
+_VIRTUAL = """model = "one-mode"
+params = {M = 1.2, K = 8e3, Ds = 8, K0 = 9e3, D = 450, lam = 0.46, Mf = 0.4}
+test = {kind = "balance", speed_rpm = 600, duration = 1}
+"""
 WORK = {
     "fit": Work(
         first=_FIT, values=("6000", "6500"), outputs=("out/fit.json", "out/curves.csv", "out/parameters.csv"),
         folder="out",
     ),
     "campaign": Work(
-        first="campaign rig.csv --model whirl-whip --known K3={} --quiet --out out --store kept.db",
+        first="campaign study-{}.toml rig.csv --quiet --out out --store kept.db",
         values=("6000", "6500"), outputs=("out/runs.csv",), folder="out",
     ),
     "posterior": Work(
@@ -81,9 +85,8 @@ WORK = {
         for kind, suffix in (("CSV", ".csv"), ("netCDF", ".nc"), ("MAT", ".mat"), ("UFF", ".uff"))
     },
     "recordings": Work(
-        first="simulate --model one-mode --set M=1.2,K=8e3,Ds=8,K0=9e3,D=450,lam=0.46,Mf=0.4 --kind balance "
-        "--speed-rpm 600 --duration 1 --seed {} --quiet --recordings volts",
-        values=("1", "2"), outputs=("volts/reference-600.h5",), folder="volts",
+        first="simulate virtual-{}.toml --quiet --recordings volts", values=("1", "2"),
+        outputs=("volts/reference-600.h5",), folder="volts",
     ),
     "balance": Work(
         first="balance balance.csv --holes {} --quiet --out out", values=("8", "12"),
@@ -359,6 +362,10 @@ def study(killed: int, bombs: int, seed: int, names: list[str]) -> tuple[list[st
         shutil.copyfile(rf.datasets.path("rig_lumped.csv"), inputs / "rig.csv")
         shutil.copyfile(rf.datasets.path("rig_open.csv"), inputs / "open.csv")
         shutil.copyfile(rf.datasets.path("field_balance.csv"), inputs / "balance.csv")
+        for K3 in WORK["campaign"].values:
+            (inputs / f"study-{K3}.toml").write_text(f'model = "whirl-whip"\nknown = {{K3 = {K3}}}\n')
+        for number in WORK["recordings"].values:
+            (inputs / f"virtual-{number}.toml").write_text(f"seed = {number}\n{_VIRTUAL}")
         rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_lumped(), known={"K3": 6000.0}).save(inputs / "fit.json")
         kinds = ("changes", "old", "new", "aside", "lost", "not repeated")
         for number, name in enumerate(WORK):

@@ -53,7 +53,7 @@ _TABLES = (
     f"fit {{}} {_MODEL} --no-figures --out out",
     f"fit {{}} {_MODEL} --json",
     "fit {} --model modal --no-figures",
-    f"campaign {{}} {_MODEL} --json",
+    "campaign any.toml {} --json",
     "store add tests.db {} --study study.toml",
     "join {} whole.csv --out joined.csv",
     "join {} --out joined.nc",
@@ -94,6 +94,7 @@ COMMANDS = {
     ),
     "studies": (
         "run {} --json",
+        "campaign {} whole.csv --json",
         "store add tests.db whole.csv --study {}",
         "store refit tests.db --study {}",
         "watch inbox --study {} --store watched.db --once --settle 0",
@@ -105,11 +106,8 @@ COMMANDS = {
         "store add tests.db whole.npz --setup {}",
     ),
     "plans": ("plan {}", "plan {} --json"),
-    "shafts": (
-        "simulate --structure {} --planes disk=0,journal=1 --fluid journal --speed-rpm 1000 --frequency-rpm 500:1500:5 "
-        "--out simulated.csv",
-        "fit whole.csv --structure {} --planes disk=0,journal=1 --fluid journal --json",
-    ),
+    "virtual tests": ("simulate {} --out simulated.csv", "simulate {} --recordings simulated"),
+    "shafts": ("fit whole.csv --structure {} --planes disk=0,journal=1 --fluid journal --json",),
     "stores": (
         "store list {}",
         "store trend {}",
@@ -128,6 +126,7 @@ _KINDS = {
     "rig.toml": "setups",
     "study": "studies",
     "plan": "plans",
+    "virtual test": "virtual tests",
     "shaft": "shafts",
     "store": "stores",
     "posterior": "posteriors",
@@ -408,7 +407,7 @@ def _fresh(folder: Path, damaged: Path) -> None:
     """Take away what commands have written, and put the file where a watch and a study look."""
     for name in ("tests.db", "watched.db", "joined.csv", "joined.nc", "vectors.csv", "simulated.csv"):
         (folder / name).unlink(missing_ok=True)
-    for name in ("out", "out.previous", "drawn", "drawn.previous", "inbox", "results"):
+    for name in ("out", "out.previous", "drawn", "drawn.previous", "inbox", "results", "simulated"):
         shutil.rmtree(folder / name, ignore_errors=True)
     (folder / "inbox").mkdir()
     known = 'model = "whirl-whip"\nknown = {K3 = 6000.0}\n'

@@ -27,7 +27,7 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -38,11 +38,13 @@ from rigs import RIGS
 import rotorfit as rf
 from rotorfit.apps.study_files.plan_file import read_plan
 from rotorfit.apps.study_files.study_file import read_study
+from rotorfit.apps.study_files.virtual_test import read_virtual_test
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.uncertainty.posterior import Posterior
 from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.recordings.formats.files import open_raw
 from rotorfit.lab.recordings.rig.rig_toml import read_setup
+from rotorfit.lab.simulation.simulate import SIMULATED
 
 MEMORY = 1 << 30
 """Address space of a reading process, bytes."""
@@ -322,6 +324,23 @@ speed_count = 2
 frequency_rpm = {from = 100, to = 3000, count = 40}
 force_N = 5.0
 """
+_VIRTUAL = """model = "one-mode"
+noise = 0.01
+seed = 1
+[params]
+M = 1.2
+K = 8e3
+Ds = 8
+K0 = 9e3
+D = 450
+lam = 0.46
+Mf = 0.4
+[test]
+kind = "perturbation"
+speed_rpm = [900, 1500]
+frequency_rpm = {from = 200, to = 1600, count = 3}
+force = 5
+"""
 RIG = """rotation = "ccw"
 speed_rpm = 0.0
 [[probe]]
@@ -382,6 +401,11 @@ FORMATS = {
     "JSON": Format(suffix=".json", write=_write_json, read=_columns),
     "dynamic stiffness": Format(suffix=".csv", write=_write_stiffness, read=_columns),
     "plan": Format(suffix=".toml", write=lambda path: [path.write_text(_PLAN)].clear(), read=read_plan),
+    "virtual test": Format(
+        suffix=".toml",
+        write=lambda path: [path.write_text(_VIRTUAL)].clear(),
+        read=partial(read_virtual_test, kinds=SIMULATED),
+    ),
     "store": Format(suffix=".db", write=_write_store, read=_stored),
 }
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from command_words import refused, toml_file
 from seal_campaigns import KNOWN, joined, seal_campaign, truth_at
 from sentences import hear, refuses
 from synthetic import circular_test
@@ -35,8 +36,8 @@ def test_command_line(tmp_path, capsys, small, fitted):
     table, _ = small
     file, out = tmp_path / "seal.csv", tmp_path / "results"
     rf.write(table, file)
-    words = ["campaign", str(file), "--model", "one-mode", "--known", "M=1.2,K=8000,Ds=8"]
-    words += ["--against", "pressure_psi", "--by", "inlet"]
+    study = toml_file(tmp_path / "study.toml", files=["seal.csv"], model="one-mode", known=KNOWN)
+    words = ["campaign", str(study), "--against", "pressure_psi", "--by", "inlet"]
     assert main([*words, "--out", str(out)]) == 0
     printed = capsys.readouterr().out
     assert "radial - anti-swirl at pressure_psi" in printed
@@ -50,8 +51,8 @@ def test_command_line(tmp_path, capsys, small, fitted):
     result = json.loads(capsys.readouterr().out)
     assert len(result["runs"]) == 20
     assert [trend["group"] for trend in result["trends"]] == ["anti-swirl", "radial"]
-    shared = ["campaign", str(file), "--model", "one-mode", "--known", "K=8000,Ds=8", "--shared", "M", "--quiet"]
-    assert main(shared) == 0
+    bare = toml_file(tmp_path / "bare.toml", model="one-mode", known={"K": 8000, "Ds": 8})
+    assert main(["campaign", str(bare), str(file), "--shared", "M", "--quiet"]) == 0
     assert capsys.readouterr().out == ""
     assert main([*words, "--jobs", "2", "--quiet"]) == 0
 
@@ -68,7 +69,8 @@ def test_command_line(tmp_path, capsys, small, fitted):
 def test_command_line_mistakes(tmp_path, capsys, small, words, message):
     file = tmp_path / "seal.csv"
     rf.write(small[0].select(small[0].run == "r00"), file)
-    assert main(["campaign", str(file), "--model", "one-mode", "--known", "M=1.2,K=8000,Ds=8", *words]) == 2
+    study = toml_file(tmp_path / "study.toml", model="one-mode", known=KNOWN)
+    assert main(["campaign", str(study), str(file), *words]) == 2
     assert message in capsys.readouterr().err
 
 
@@ -76,8 +78,8 @@ def test_no_run_that_can_be_fitted_is_bad_input(tmp_path, capsys, small):
     """Planes of another name spoil every run alike: the reason is said, and nothing is written."""
     file, out = tmp_path / "seal.csv", tmp_path / "results"
     rf.write(small[0].select(np.isin(small[0].run, ["r00", "r01"])), file)
-    words = ["campaign", str(file), "--model", "one-mode", "--planes", "seal", "--against", "pressure_psi"]
-    assert main([*words, "--known", "M=1.2,K=8000,Ds=8", "--out", str(out)]) == 2
+    study = toml_file(tmp_path / "study.toml", model="one-mode", planes=["seal"], known=KNOWN, out="results")
+    assert main(["campaign", str(study), str(file), "--against", "pressure_psi"]) == 2
     hear(capsys.readouterr().err)
     assert not out.exists()
 
@@ -86,8 +88,8 @@ def test_trends_that_no_run_resolves_leave_no_picture(tmp_path, capsys, small):
     """With K free only K + K0 is seen: K0 has no value in any run."""
     file, out = tmp_path / "seal.csv", tmp_path / "results"
     rf.write(small[0].select(np.isin(small[0].run, ["r00", "r01"])), file)
-    words = ["campaign", str(file), "--model", "one-mode", "--known", "M=1.2,Ds=8", "--against", "pressure_psi"]
-    assert main([*words, "--follow", "K0", "--out", str(out)]) == 0
+    study = toml_file(tmp_path / "study.toml", model="one-mode", known={"M": 1.2, "Ds": 8}, out="results")
+    assert main(["campaign", str(study), str(file), "--against", "pressure_psi", "--follow", "K0"]) == 0
     assert "no run has a resolved value" in capsys.readouterr().out
     assert {path.name for path in out.iterdir()} == {"runs.csv", "summary.txt", "report.html", CONTENTS}
 
@@ -97,8 +99,27 @@ def test_command_line_tells_of_failed_runs(tmp_path, capsys, small):
     keep = ~((table.run == "r01") & (np.arange(len(table)) > np.flatnonzero(table.run == "r01")[0]))
     file = tmp_path / "seal.csv"
     rf.write(table.select(keep & np.isin(table.run, ["r00", "r01"])), file)
-    assert main(["campaign", str(file), "--model", "one-mode", "--known", "M=1.2,K=8000,Ds=8"]) == 1
+    study = toml_file(tmp_path / "study.toml", model="one-mode", known=KNOWN)
+    assert main(["campaign", str(study), str(file)]) == 1
     hear(capsys.readouterr().err)
+
+
+@pytest.mark.parametrize("keys", [{"sample": True}, {"per": {"K0": "run"}}, {"refine": True}])
+def test_keys_of_a_single_fit_are_refused(tmp_path, run, small, keys):
+    """What a campaign would not do is not left out in silence."""
+    rf.write(small[0].select(small[0].run == "r00"), tmp_path / "seal.csv")
+    study = toml_file(tmp_path / "study.toml", model="one-mode", known=KNOWN, **keys)
+    hear(refused(run("campaign", study, tmp_path / "seal.csv")))
+
+
+def test_files_are_read_as_the_patterns_of_the_study_say(tmp_path, run, small):
+    rf.write(small[0].select(np.isin(small[0].run, ["r00", "r01", "r02"])), tmp_path / "seal.csv")
+    patterns = [{"path": "s*.csv", "exclude": {"run": ["r01"]}}]
+    study = toml_file(tmp_path / "study.toml", model="one-mode", known=KNOWN, files=patterns)
+    code, out, _ = run("campaign", study, tmp_path / "seal.csv", "--json")
+    assert (code, [one["run"] for one in json.loads(out)["runs"]]) == (0, ["r00", "r02"])
+    (tmp_path / "volts.h5").write_bytes(b"")
+    hear(refused(run("campaign", study, tmp_path / "volts.h5")))
 
 
 # ---- runs that say nothing, several conditions, the report ----------------------------------------------------------
@@ -124,7 +145,7 @@ def test_a_dead_run_is_flagged_and_flattens_nothing(tmp_path, capsys, small, fit
     assert 200 < axis.get_ylim()[0] < axis.get_ylim()[1] < 800
     file = tmp_path / "seal.csv"
     rf.write(with_a_dead_run(table), file)
-    main(["campaign", str(file), "--model", "one-mode", "--known", "M=1.2,K=8000,Ds=8"])
+    main(["campaign", str(toml_file(tmp_path / "study.toml", model="one-mode", known=KNOWN)), str(file)])
     hear(capsys.readouterr().err)
 
 
@@ -197,9 +218,8 @@ def test_errors_of_the_check_say_which_file(tmp_path, capsys, small):
     for run in ("r00", "r02"):
         part = table.select(table.run == run)
         rf.write(part if run == "r00" else replace(part, force=-part.force), tmp_path / f"{run}.csv")
-    words = ["campaign", tmp_path / "r00.csv", tmp_path / "r02.csv", "--model", "one-mode", "--quiet"]
-    known = [word for name, value in KNOWN.items() for word in ("--known", f"{name}={value}")]
-    assert main([str(word) for word in [*words, *known]]) == 1
+    study = toml_file(tmp_path / "study.toml", model="one-mode", known=KNOWN, files=["r00.csv", "r02.csv"])
+    assert main(["campaign", str(study), "--quiet"]) == 1
     errors = capsys.readouterr().err
     assert "the check of the data calls these an error: r02.csv: " in errors
     assert "r00.csv: " not in errors
@@ -209,8 +229,8 @@ def test_a_file_given_twice_is_warned_of(tmp_path, capsys, small):
     table, _ = small
     file = tmp_path / "seal.csv"
     rf.write(table.select(np.isin(table.run, ["r00", "r01", "r02", "r03"])), file)
-    words = ["campaign", str(file), str(file), "--model", "one-mode", "--known", "M=1.2,K=8000,Ds=8"]
-    words += ["--against", "pressure_psi"]
+    study = toml_file(tmp_path / "study.toml", model="one-mode", known=KNOWN, files=["seal.csv", "seal.csv"])
+    words = ["campaign", str(study), "--against", "pressure_psi"]
     assert main(words) == 0
     warned = "warning: seal.csv: Copies of runs: to the last digit r00 is r00 of seal.csv, r01 is r01 of seal.csv"
     assert warned in capsys.readouterr().out
@@ -232,7 +252,8 @@ def test_an_address_that_is_none_is_one_sentence(words, said, capsys, tmp_path):
     table, _ = seal_campaign(2)
     rf.write(table, tmp_path / "seal.csv")
     file = str(tmp_path / "seal.csv")
-    commands = ["campaign", file, "--model", "one-mode"], ["fit", file, "--model", "one-mode"]
+    study = toml_file(tmp_path / "study.toml", model="one-mode")
+    commands = ["campaign", str(study), file], ["fit", file, "--model", "one-mode"]
     for command in (*commands, ["vectors", file, "--out", str(tmp_path / "out.csv")]):
         assert main([*command, *words]) == 2
         assert said in capsys.readouterr().err

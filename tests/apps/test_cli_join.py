@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_words import toml_file
 from linear_tests import linear_test
 from sentences import hear
 from synthetic import TYPICAL
@@ -98,10 +99,14 @@ def misread(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("words", [["campaign"], ["fit", "--clearance-um", "200", "--laws", "constant"]])
 def test_errors_of_the_data_are_said_and_end_with_1(
-    words: list[str], misread: Path, capsys: pytest.CaptureFixture[str]
+    words: list[str], misread: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     command, *rest = words
-    assert main([command, str(misread), "--model", "one-mode", *rest, "--quiet"]) == 1
+    if command == "campaign":
+        given = [str(toml_file(tmp_path / "study.toml", model="one-mode")), str(misread)]
+    else:
+        given = [str(misread), "--model", "one-mode"]
+    assert main([command, *given, *rest, "--quiet"]) == 1
     *warned, last = capsys.readouterr().err.splitlines()
     assert all(line.startswith("rotorfit: warning: ") for line in warned)
     assert last.startswith("rotorfit: the check of the data calls these an error: ")

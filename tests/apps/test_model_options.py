@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_words import toml_file
 from hammer_tests import hammer_test
 from sentences import refuses
 from slow_cases import slow_but
@@ -129,16 +130,15 @@ def test_a_chain_goes_through_every_command(tmp_path: Path, capsys: pytest.Captu
     data = chain_file(tmp_path)
     study = tmp_path / "study.toml"
     study.write_text('files = ["chain.csv"]\nmodel = "chain"\n', encoding="utf-8")
-    true = [
-        word for name in ("M1=1", "M2=1", "K1=2e4", "K2=3e4", "K3=2e4", "Ds1=30", "Ds2=30") for word in ("--set", name)
-    ]
+    true = {"M1": 1, "M2": 1, "K1": 2e4, "K2": 3e4, "K3": 2e4, "Ds1": 30, "Ds2": 30}
+    test = {"speed_rpm": 1000, "frequency_rpm": {"from": 500, "to": 2000, "count": 4}, "force": 1}
+    virtual = toml_file(tmp_path / "virtual.toml", model="chain", params=true, test=test)
     commands: dict[str, list[str | Path]] = {
         "fit": ["fit", data, "--model", "chain", "--refine", "--quiet"],
         "run": ["run", study, "--quiet"],
-        "simulate": ["simulate", "--model", "chain", *true, "--speed-rpm", "1000", "--frequency-rpm", "500:2000:4",
-                     "--force", "1", "--out", tmp_path / "s.csv"],
-        "campaign": ["campaign", data, "--model", "chain", "--quiet"],
-    }  # fmt: skip
+        "simulate": ["simulate", virtual, "--out", tmp_path / "s.csv"],
+        "campaign": ["campaign", study, "--quiet"],
+    }
     for name, words in commands.items():
         code = cli.main([str(word) for word in words])
         assert code == 0, (name, capsys.readouterr().err)

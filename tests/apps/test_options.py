@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import MISSING, fields
 from inspect import signature
-from pathlib import Path
 
 import pytest
 from scipy import stats
@@ -18,7 +17,7 @@ from rotorfit.apps.study_files.study import Study
 from rotorfit.apps.study_files.study_file import study_of
 from rotorfit.identify.fitting.fit import fit
 from rotorfit.identify.fitting.settings import FitKeywords, FitOptions
-from rotorfit.identify.options.table import CAMPAIGN, FIT, LAW, MODEL, SEARCH, UNCERTAINTY, command_words
+from rotorfit.identify.options.table import FIT, LAW, MODEL, SEARCH, UNCERTAINTY, command_words
 
 SETTINGS = {
     "structure": "shaft.mat",
@@ -69,7 +68,7 @@ SETTINGS = {
 def test_every_setting_of_a_study_is_in_the_table() -> None:
     """The files, the model and the folder are what they apply to."""
     assert {f.name for f in fields(Study)} - {"files", "model", "out"} == set(FIT)
-    assert set(MODEL) | set(LAW) | set(CAMPAIGN) | set(SEARCH) | set(UNCERTAINTY) <= set(FIT)
+    assert set(MODEL) | set(LAW) | set(SEARCH) | set(UNCERTAINTY) <= set(FIT)
 
 
 def test_a_fit_takes_the_options_that_are_described_once() -> None:
@@ -125,12 +124,3 @@ def test_no_causes_at_all_is_a_word_and_a_line_of_toml() -> None:
 def test_a_setting_that_words_cannot_say_is_not_half_said() -> None:
     assert command_words({"known": {"K3": 6000.0}, "priors": {"Mf": stats.beta(2, 3)}}) is None
     assert command_words({"calibration": {"probe_gain": {"journal": 0.01}}}) is None
-
-
-def test_a_campaign_takes_no_setting_of_a_single_fit() -> None:
-    words = ["campaign", "rig.csv", "--model", "one-mode"]
-    study = fit_study(build_parser().parse_args(words), CAMPAIGN)
-    assert study == Study(files=study.files, model="one-mode")
-    assert study.files[0].path == Path("rig.csv")
-    with pytest.raises(SystemExit):
-        build_parser().parse_args([*words, "--bootstrap", "5"])

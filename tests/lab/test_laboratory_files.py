@@ -476,7 +476,7 @@ def test_selections_that_cannot_be(tmp_path, tidy, capsys, words, message):
 # ---- templates ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "study"])
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind not in ("study", "simulation")])
 def test_every_template_is_read(tmp_path, capsys, kind):
     assert main(["template", kind]) == 0
     path = tmp_path / f"{kind}.csv"

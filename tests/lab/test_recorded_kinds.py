@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
+from command_words import toml_file
 from plain import plain_fit
 from sentences import hear, refuses
 from synthetic import TYPICAL, circular_test, covering_frequencies, overhung_without_slopes
@@ -15,16 +17,21 @@ from rotorfit.lab.simulation.recordings import RECORDED
 
 VALUES = {"M": 1.2, "K": 8000.0, "Ds": 8.0, "K0": 3000.0, "D": 60.0, "lam": 0.45, "Mf": 0.2}
 """One mode: a fit of any kind of test takes no time."""
-OPTIONS: dict[str, tuple[list[str], tuple[str, ...]]] = {
-    "perturbation": (["--duration", "6", "--sweep-rpm", "60,3000"], ()),
-    "dwell": (["--duration", "2", "--frequency-rpm", "300,600,800,950,1300,1800"], ()),
-    "measured-force": (["--duration", "6", "--sweep-rpm", "120,3000"], ()),
-    "impulse": (["--speed-rpm", "900,1300"], ("M", "K", "Ds", "Mf")),
-    "hammer": ([], ("M", "K", "Mf")),
-    "release": (["--load", "3", "--speed-rpm", "900,1300"], ("M", "K", "Ds", "Mf")),
-    "static-load": (["--load", "2,4", "--duration", "2"], ("M", "K", "Ds", "Mf", "D")),
+OPTIONS: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {
+    "perturbation": ({"duration": 6, "sweep_rpm": [60, 3000]}, ()),
+    "dwell": ({"duration": 2, "frequency_rpm": [300, 600, 800, 950, 1300, 1800]}, ()),
+    "measured-force": ({"duration": 6, "sweep_rpm": [120, 3000]}, ()),
+    "impulse": ({"speed_rpm": [900, 1300]}, ("M", "K", "Ds", "Mf")),
+    "hammer": ({}, ("M", "K", "Mf")),
+    "release": ({"load": 3, "speed_rpm": [900, 1300]}, ("M", "K", "Ds", "Mf")),
+    "static-load": ({"load": [2, 4], "duration": 2}, ("M", "K", "Ds", "Mf", "D")),
 }
 """Options, and what has to be known beside K for a fit of the recordings alone."""
+
+
+def virtual(folder: Path, test: dict[str, Any], **more: Any) -> str:
+    """File of a test of the rig."""
+    return str(toml_file(folder / "virtual.toml", model="one-mode", params=VALUES, test=test, **more))
 
 
 def test_no_kind_is_left_out() -> None:
@@ -36,10 +43,9 @@ def test_no_kind_is_left_out() -> None:
 @pytest.mark.usefixtures("sketched")
 @pytest.mark.parametrize("kind", OPTIONS)
 def test_from_the_virtual_rig_to_volts_and_back(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words, known = OPTIONS[kind]
-    rotor = [word for name, value in VALUES.items() for word in ("--set", f"{name}={value}")]
-    rig = ["--model", "one-mode", *rotor, "--kind", kind, "--speed-rpm", "1100", "--sampling-hz", "2048", "--seed", "3"]
-    assert main(["simulate", *rig, *words, "--recordings", str(tmp_path / "raw")]) == 0
+    own, known = OPTIONS[kind]
+    test = {"kind": kind, "speed_rpm": 1100, "sampling_hz": 2048, **own}
+    assert main(["simulate", virtual(tmp_path, test, seed=3), "--recordings", str(tmp_path / "raw")]) == 0
     files = [str(path) for path in sorted((tmp_path / "raw").glob("*.h5"))]
     said = ["--setup", str(tmp_path / "raw" / "rig.toml")]
     taken = [word for name in (known or ("K", "Mf")) for word in ("--known", f"{name}={VALUES[name]}")]
@@ -55,34 +61,29 @@ def test_from_the_virtual_rig_to_volts_and_back(kind: str, tmp_path: Path, capsy
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("test", "said"),
     [
-        (["--kind", "dwell"], "needs --frequency-rpm"),
-        (["--kind", "static-load"], "needs --load"),
-        (["--kind", "release", "--load", "1,2"], "--load takes 1 number, got 2"),
-        (
-            ["--kind", "hammer", "--unbalance", "1e-5"],
-            "--unbalance: a test of kind hammer takes --speed-rpm, --impulse",
-        ),
-        (["--kind", "dwell", "--frequency-rpm", "300", "--backward"], "--backward is for files of vectors"),
+        ({"kind": "dwell"}, "needs frequency_rpm"),
+        ({"kind": "static-load"}, "needs load"),
+        ({"kind": "release", "load": [1, 2]}, "test.load must be a number, got [1, 2]"),
+        ({"kind": "synchronous", "speed_rpm": [300]}, "test.speed_rpm must be two numbers"),
+        ({"kind": "hammer", "unbalance": 1e-5}, "unknown key of [test] of kind hammer 'unbalance'"),
+        ({"kind": "impulses"}, "kind of recorded test"),
     ],
 )
-def test_words_that_do_not_go_together_are_refused(
-    words: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_keys_that_do_not_go_together_are_refused(
+    test: dict[str, Any], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    rotor = [word for name, value in VALUES.items() for word in ("--set", f"{name}={value}")]
-    assert main(["simulate", "--model", "one-mode", *rotor, *words, "--recordings", str(tmp_path / "raw")]) == 2
+    assert main(["simulate", virtual(tmp_path, test), "--recordings", str(tmp_path / "raw")]) == 2
     assert said in capsys.readouterr().err
     assert not list(tmp_path.rglob("*.h5"))
 
 
 def test_recordings_in_operation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    rotor = [word for name, value in VALUES.items() for word in ("--set", f"{name}={value}")]
-    words = ["simulate", "--model", "one-mode", *rotor, "--kind", "operating", "--speed-rpm", "900,1200"]
-    run = [*words, "--duration", "1", "--recordings", str(tmp_path / "raw")]
-    assert main(run) == 2
+    test, out = {"kind": "operating", "speed_rpm": [900, 1200], "duration": 1}, str(tmp_path / "raw")
+    assert main(["simulate", virtual(tmp_path, test), "--recordings", out]) == 2
     hear(capsys.readouterr().err)
-    assert main([*run, "--turbulence", "0.02"]) == 0
+    assert main(["simulate", virtual(tmp_path, test, turbulence=0.02), "--recordings", out]) == 0
     assert {file.name for file in (tmp_path / "raw").glob("*.h5")} == {"operating-900.h5", "operating-1200.h5"}
 
 

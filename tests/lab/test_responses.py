@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_words import FROM_VOLTS
+from command_words import FROM_VOLTS, toml_file
 from plain import plain_fit
 from scipy.integrate import solve_ivp
 from sentences import hear, refuses
@@ -240,20 +240,12 @@ def test_demo_from_volts_meets_the_truth(
 
 
 def test_recordings_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    rotor = [word for name, value in PAPER.items() for word in ("--set", f"{name}={value}")]
-    command = ["simulate", "--model", "two-disk", *rotor, "--recordings", str(tmp_path), "--duration", "3"]
-    assert main([*command, "--kind", "synchronous", "--speed-rpm", "300,5000", "--sampling-hz", "2048"]) == 0
-    assert sorted(path.name for path in tmp_path.glob("*.h5")) == [
-        "inboard-0.h5", "inboard-180.h5", "outboard-0.h5", "outboard-180.h5",
-    ]  # fmt: skip
-    capsys.readouterr()
-    for words, said in (
-        (["--kind", "impulses"], "kind of recorded test"),
-        (["--kind", "synchronous", "--speed-rpm", "300"], "--speed-rpm takes 2 numbers"),
-        (["--kind", "synchronous", "--force", "2"], "--force: a test of kind synchronous takes"),
-    ):
-        assert main([*command, *words]) == 2
-        assert said in capsys.readouterr().err
+    test = {"kind": "synchronous", "duration": 3, "speed_rpm": [300, 5000], "sampling_hz": 2048}
+    virtual = toml_file(tmp_path / "virtual.toml", model="two-disk", params=PAPER, test=test)
+    assert main(["simulate", str(virtual), "--recordings", str(tmp_path / "raw")]) == 0
+    names = ["inboard-0.h5", "inboard-180.h5", "outboard-0.h5", "outboard-180.h5"]
+    assert sorted(path.name for path in (tmp_path / "raw").glob("*.h5")) == names
+    assert capsys.readouterr().out.count("written: ") == 4
 
 
 @pytest.mark.slow

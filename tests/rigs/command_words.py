@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import rotorfit as rf
 from rotorfit.apps.cli import main as cli
@@ -31,6 +33,21 @@ def refused(result: tuple[int, str, str]) -> str:
     assert err.startswith("rotorfit: ")
     assert len(err.splitlines()) == 1, err
     return err.removeprefix("rotorfit: ").rstrip("\n")
+
+
+def toml(value: Any) -> str:
+    """A value as TOML, tables in braces."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{json.dumps(str(name))} = {toml(item)}" for name, item in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(toml, value)) + "]"
+    return json.dumps(str(value) if isinstance(value, Path) else value)
+
+
+def toml_file(path: Path, **keys: Any) -> Path:
+    """A file of these keys, and its path."""
+    path.write_text("".join(f"{name} = {toml(value)}\n" for name, value in keys.items()), encoding="utf-8")
+    return path
 
 
 def perturbed() -> rf.PerturbationTest:

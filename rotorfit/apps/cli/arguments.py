@@ -18,7 +18,7 @@ from rotorfit.base.executors import cluster, process_pool
 from rotorfit.base.names import unknown_name
 from rotorfit.base.units import RAD_S_PER_RPM, UNITS, Shown
 from rotorfit.identify.options.kinds import count_word, is_set, pairs, probability_word, two_numbers
-from rotorfit.identify.options.table import FIT, MODEL, SEARCH, SHAFT, UNCERTAINTY
+from rotorfit.identify.options.table import FIT, SEARCH, SHAFT, UNCERTAINTY
 from rotorfit.lab.recordings.formats.files import ALWAYS_RAW
 from rotorfit.models import KnownStructure
 
@@ -161,20 +161,6 @@ def workers_of(options: argparse.Namespace) -> AbstractContextManager[Executor |
     return process_pool(options.jobs) if options.jobs > 1 else nullcontext()
 
 
-def add_model(to: argparse._ActionsContainer, options: Iterable[str] = MODEL) -> None:
-    """The model, and options by name."""
-    to.add_argument("--model", help="see `rotorfit models`; left out with --structure")
-    add_options(to, options)
-
-
-def model_name(options: argparse.Namespace) -> str:
-    """The model, that of a shaft from a file where one is given."""
-
-    if options.model is None and not options.structure:
-        raise ValueError("--model is missing: one that `rotorfit models` lists, or --structure with a shaft's file")
-    return options.model or KnownStructure.name
-
-
 def add_options(to: argparse._ActionsContainer, names: Iterable[str]) -> None:
     """Options from the table; what is not given is ``None``."""
     for one in map(FIT.__getitem__, names):
@@ -194,7 +180,9 @@ def add_fit_options(fit: argparse.ArgumentParser) -> None:
     """All that a single fit takes."""
     add_files(fit.add_argument_group("data"))
     apart = (*SHAFT, *SEARCH, *UNCERTAINTY)
-    add_model(fit.add_argument_group("model"), [name for name in FIT if name not in apart])
+    model = fit.add_argument_group("model")
+    model.add_argument("--model", help="see `rotorfit models`; left out with --structure")
+    add_options(model, [name for name in FIT if name not in apart])
     add_options(fit.add_argument_group("shaft from a file"), SHAFT)
     add_options(fit.add_argument_group("search"), SEARCH)
     add_options(fit.add_argument_group("uncertainty beyond standard errors"), UNCERTAINTY)
@@ -315,10 +303,10 @@ def _chosen(option: str, words: Sequence[str]) -> dict[str, Any]:
     return found
 
 
-def given(options: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:
-    """Values of some options that were given, by the names that a study has for them."""
+def _given(options: argparse.Namespace) -> dict[str, Any]:
+    """Values of the options that were given, by the names that a study has for them."""
     found: dict[str, Any] = {}
-    for one in map(FIT.__getitem__, names):
+    for one in FIT.values():
         value, parse = getattr(options, one.name), one.kind.word
         if one.kind.off and getattr(options, f"no_{one.name}"):
             if value is not None:
@@ -329,9 +317,12 @@ def given(options: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:
     return found
 
 
-def fit_study(options: argparse.Namespace, names: Iterable[str] = tuple(FIT)) -> Study:
-    """The study that the options of a command describe; see :func:`given`."""
-    return Study(files=data_files(options), model=model_name(options), out=options.out, **given(options, names))
+def fit_study(options: argparse.Namespace) -> Study:
+    """The study that the options of a command describe."""
+    if options.model is None and not options.structure:
+        raise ValueError("--model is missing: one that `rotorfit models` lists, or --structure with a shaft's file")
+    model = options.model or KnownStructure.name
+    return Study(files=data_files(options), model=model, out=options.out, **_given(options))
 
 
 def numbers(text: str) -> Float:

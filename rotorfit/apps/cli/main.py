@@ -79,8 +79,9 @@ EXAMPLES = {
     "fit sweep-*.h5 --setup rig.toml --model one-mode --per 'K*=speed_rpm'\n"
     "fit sweep.csv --model one-mode --clearance-um 100 --laws all",
     "run": "run study.toml --out results",
-    "campaign": "campaign runs.csv --model one-mode --known M=1.2 --out results",
-    "simulate": "simulate --set M=1.2 --speed-rpm 1000 --out test.csv",
+    "campaign": "campaign study.toml --against pressure_psi --out results\n"
+    "campaign study.toml runs-*.csv --store runs.db",
+    "simulate": "simulate virtual.toml --out test.csv",
     "vectors": "vectors sweep.h5 --setup rig.toml --out responses.csv",
     "join": "join reference.csv trial.csv --out both.csv",
     "balance": "balance both.csv --out weights",

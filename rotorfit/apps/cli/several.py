@@ -4,28 +4,33 @@ from __future__ import annotations
 
 import argparse
 from concurrent.futures import Executor
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rotorfit.apps.cli.answer import Answer, answered, progress_line
-from rotorfit.apps.cli.arguments import add_files, add_jobs, add_model, add_output, fit_study, option, workers_of
+from rotorfit.apps.cli.arguments import add_jobs, add_output, add_paths, option, workers_of
 from rotorfit.apps.store.store import Store
-from rotorfit.apps.study_files.data_files import DataFile, look_over, no_progress, read_files
+from rotorfit.apps.study_files.data_files import DataFile, look_over, no_progress, read_as, read_files
 from rotorfit.apps.study_files.study import Study, build_model, check_model
+from rotorfit.apps.study_files.study_file import read_study
 from rotorfit.identify.fitting.quantities import FittedParameter, Quantity
 from rotorfit.identify.options.kinds import count_word, words
-from rotorfit.identify.options.table import CAMPAIGN, PARAMETERS
+from rotorfit.identify.options.table import FIT, LAW, MODEL, PARAMETERS
 from rotorfit.lab.data.findings import attributed, error_sentence, errors_in, warnings_in
 from rotorfit.lab.data.rows import Experiment
+from rotorfit.lab.recordings.formats.files import ALWAYS_RAW
 from rotorfit.studies.campaigns.campaign import Campaign
 from rotorfit.studies.campaigns.campaign import campaign as fit_campaign
 
 
 def add_campaign(to: argparse.ArgumentParser) -> None:
     """Options of the command."""
-    add_files(to)
-    add_model(to, CAMPAIGN)
+    help = "model, known values and files as TOML keys; `rotorfit template study` prints an example"
+    to.add_argument("study", type=Path, metavar="STUDY.toml", help=help)
+    help = "test files in place of the study's, which are then patterns of names: how files of such names are read"
+    add_paths(to, help, "*")
     option(to, "--split ATTRIBUTE", "column that separates the runs [%(default)s]", default="run")
     option(to, "--shared A,B", "parameters with one value for all runs", words, default=())
     option(to, "--against A,B", "columns that trends are shown against: pressure_psi,oil_C", words)
@@ -36,6 +41,10 @@ def add_campaign(to: argparse.ArgumentParser) -> None:
     option(to, "--store STORE", "store that keeps each fit; the same command continues there after a stop", Path)
     option(to, "--lazy", "read each file where its runs are fitted, so that no process holds all data")
     add_output(to, "runs.csv, summary.txt, report.html and trends.png", figures=True)
+
+
+_TAKEN = (*MODEL, *LAW, "modes", "gains", "apart", "residuals", *PARAMETERS, "loss")
+"""Keys of a study that a campaign has: what is neither known nor shared has a value of its own for each run."""
 
 
 @answered
@@ -67,8 +76,8 @@ def _campaign(options: argparse.Namespace) -> tuple[Campaign, str, list[str]]:
     """The fits of all runs, what is wrong with the data, and what their check warns of."""
     if options.against is None and (options.by or options.follow or options.degree > 1):
         raise ValueError("--by, --follow and --degree shape the trends: say --against what")
-    study = fit_study(options, CAMPAIGN)
-    check_model(study)
+    study = _study(options)
+    options.out = options.out or study.out
     with workers_of(options) as executor, progress_line(options) as line:
         parts, first, findings = _data_of(study, options.lazy, executor)
         found = fit_campaign(
@@ -83,6 +92,21 @@ def _campaign(options: argparse.Namespace) -> tuple[Campaign, str, list[str]]:
         )
     everything = attributed(*findings)
     return found, error_sentence(errors_in(everything)), warnings_in(everything)
+
+
+def _study(options: argparse.Namespace) -> Study:
+    """The settings, and the files that are given in place of the study's."""
+    study = read_study(options.study, of_a_store=bool(options.files))
+    plain = Study(files=(), model=study.model)
+    idle = [name for name in FIT if name not in _TAKEN and getattr(study, name) != getattr(plain, name)]
+    if idle:
+        raise ValueError(f"{options.study}: {idle[0]} is for a fit of all runs together, `rotorfit run`; leave it out")
+    check_model(study)
+    if not options.files:
+        return study
+    if raw := [file.name for file in options.files if file.suffix.lower() in ALWAYS_RAW]:
+        raise ValueError(f"{raw[0]} is a recording: name recordings with their setup in the files of {options.study}")
+    return replace(study, files=tuple(read_as(file, study.files) for file in options.files))
 
 
 def _data_of(study: Study, lazy: bool, executor: Executor | None) -> tuple[Any, tuple[Experiment, ...], Any]:

@@ -9,13 +9,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from datetime import datetime
 from errno import EINVAL
-from fnmatch import fnmatch
 from functools import cached_property
 from pathlib import Path
 from stat import S_ISREG
 from typing import Any
 
-from rotorfit.apps.study_files.data_files import DataFile, RecordingFiles, StudyProgress, read_files
+from rotorfit.apps.study_files.data_files import DataFile, RecordingFiles, StudyProgress, read_as, read_files
 from rotorfit.apps.study_files.run import for_model
 from rotorfit.apps.study_files.study import Study
 from rotorfit.identify.fitting.json_values import encode
@@ -121,14 +120,7 @@ class Source:
     def _file(self) -> DataFile | RecordingFiles:
         if self.raw:
             return RecordingFiles(paths=self.paths, setup=self.setup)
-        given = () if self.study is None else self.study.files
-        named = (file for file in given if isinstance(file, DataFile) and is_named(self.path, file))
-        return DataFile(self.path, next((file.options for file in named), {}))
-
-
-def is_named(path: Path, file: DataFile | RecordingFiles) -> bool:
-    """True if the pattern that a study of a store gives fits the name of a file."""
-    return fnmatch(path.name, file.path.name)
+        return read_as(self.path, () if self.study is None else self.study.files)
 
 
 def continues(source: Source, earlier: Sequence[Sequence[str | int]]) -> bool:

@@ -18,9 +18,9 @@ import numpy as np
 from rotorfit.apps.store.adding import add_sources, is_known
 from rotorfit.apps.store.database import claimed
 from rotorfit.apps.store.records import Added, StoredFit, StoredTest
-from rotorfit.apps.store.sources import Source, is_named
+from rotorfit.apps.store.sources import Source
 from rotorfit.apps.store.store import Store, followed
-from rotorfit.apps.study_files.data_files import StudyProgress, no_progress
+from rotorfit.apps.study_files.data_files import StudyProgress, is_named, no_progress
 from rotorfit.apps.study_files.study import Study
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -111,6 +112,17 @@ class RecordingFiles:
         """The vectors that are wanted."""
         kept = (selected(test, where=self.where, exclude=self.exclude) for test in tests)
         return _without(tuple(without_stator(test, self.stator) for test in kept), self.skip)
+
+
+def is_named(path: Path, file: DataFile | RecordingFiles) -> bool:
+    """True if the pattern that a study gives fits the name of a file."""
+    return fnmatch(path.name, file.path.name)
+
+
+def read_as(path: Path, patterns: Iterable[DataFile | RecordingFiles]) -> DataFile:
+    """A file, read as the first pattern says that fits its name."""
+    named = (file for file in patterns if isinstance(file, DataFile) and is_named(path, file))
+    return DataFile(path, next((file.options for file in named), {}))
 
 
 def _without(tests: tuple[Experiment, ...], numbers: Sequence[int]) -> tuple[Experiment, ...]:

@@ -29,13 +29,11 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from rotorfit.apps.study_files.data_files import DataFile, no_progress, read_files
 from rotorfit.apps.study_files.study import Study, build_model
 from rotorfit.apps.study_files.study_file import known_keys, read_keys, refuse_unknown
 from rotorfit.base.atomic_file import joined
-from rotorfit.identify.options.kinds import Parser, count, number, prior, table, text, uncertainty
+from rotorfit.identify.options.kinds import Parser, count, number, numbers, one_or_more, prior, table, text, uncertainty
 from rotorfit.identify.options.table import FIT, LAW, MODEL
 from rotorfit.studies.planning.design import Design
 from rotorfit.studies.planning.plan import plan
@@ -80,21 +78,6 @@ def _settings(content: Mapping[str, Any], base: Path) -> dict[str, Any]:
 # ---- values of keys -----------------------------------------------------------------------------
 
 
-def _one_or_more(of: Parser) -> Parser:
-    """One value, or a list of them."""
-    return lambda key, value: tuple(of(key, one) for one in (value if isinstance(value, list) else [value]))
-
-
-def _numbers(key: str, value: Any) -> Any:
-    """Numbers, one, or evenly spaced ones, ``{from = 100, to = 3000, count = 40}``."""
-    if isinstance(value, dict):
-        if set(value) != {"from", "to", "count"}:
-            raise ValueError(f"{key} as a table is {{from = 100, to = 3000, count = 40}}, got {value!r}")
-        ends = [number(f"{key}.{end}", value[end]) for end in ("from", "to")]
-        return np.linspace(ends[0], ends[1], count(f"{key}.count", value["count"]))
-    return list(_list(key, value))
-
-
 def _value(key: str, value: Any) -> Any:
     """A number, a range ``[low, high]`` or a distribution."""
     if isinstance(value, dict):
@@ -104,10 +87,10 @@ def _value(key: str, value: Any) -> Any:
     return number(key, value)
 
 
-_texts, _list = _one_or_more(text), _one_or_more(number)
+_texts, _list = one_or_more(text), one_or_more(number)
 _DESIGN: dict[str, Parser] = {
-    "speed_rpm": _numbers,
-    "frequency_rpm": _numbers,
+    "speed_rpm": numbers,
+    "frequency_rpm": numbers,
     "directions": _texts,
     "force_planes": _texts,
     "probes": _texts,

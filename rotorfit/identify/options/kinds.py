@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+import numpy as np
+
 from rotorfit.estimators.misfit.parameter_space import LARGEST
 
 Planes: TypeAlias = tuple[str, ...] | Mapping[str, int | str]
@@ -78,6 +80,27 @@ def pair(key: str, value: Any) -> tuple[float, float]:
     open_ends = (math.inf, -math.inf)
     low, high = (float(end) if end in open_ends else number(key, end) for end in value)
     return low, high
+
+
+def one_or_more(of: Parser) -> Parser:
+    """Reader of one value, or of a list of them."""
+    return lambda key, value: tuple(of(key, one) for one in (value if isinstance(value, list) else [value]))
+
+
+def numbers(key: str, value: Any) -> Any:
+    """Numbers, one, or evenly spaced ones, ``{from = 100, to = 3000, count = 40}``."""
+    if not isinstance(value, dict):
+        return list(one_or_more(number)(key, value))
+    if set(value) != {"from", "to", "count"}:
+        raise ValueError(f"{key} as a table is {{from = 100, to = 3000, count = 40}}, got {value!r}")
+    low, high = (number(f"{key}.{end}", value[end]) for end in ("from", "to"))
+    if count(f"{key}.count", value["count"]) > _MOST:
+        raise ValueError(f"{key}.count must be at most {_MOST}, got {value['count']}")
+    return np.linspace(low, high, value["count"])
+
+
+_MOST = 1_000_000
+"""Evenly spaced numbers that a table stands for at most."""
 
 
 def _texts(key: str, value: Any) -> tuple[str, ...]:

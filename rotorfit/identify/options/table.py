@@ -111,8 +111,6 @@ LAW = ("law", "clearance_um")
 PARAMETERS = ("known", "bounds", "priors", "start")
 SEARCH = ("bounds", "priors", "start", "loss", "method", "max_iterations")
 UNCERTAINTY = ("calibration", "causes", "profile", "bootstrap", "sample", "seed", "ess", "max_steps")
-CAMPAIGN = (*MODEL, *PARAMETERS, "loss")
-"""Options of ``rotorfit campaign``: what is neither known nor shared has a value of its own for each run."""
 
 
 def command_words(settings: Mapping[str, Any]) -> list[str] | None:

@@ -1,4 +1,4 @@
-"""Example files of every kind of experiment, with comments, to fill in: ``rotorfit template KIND``."""
+"""Example files of every kind of experiment, of studies and virtual tests, to fill in: ``rotorfit template KIND``."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from importlib.resources import files
 from rotorfit.base.names import unknown_name
 
 _TESTS = ("perturbation", "wide", "synchronous", "displacement", "static-load", "impulse", "ring-down", "coefficients")
-KINDS = (*_TESTS, "study")
+KINDS = (*_TESTS, "study", "simulation")
 """Names of the templates."""
 
 

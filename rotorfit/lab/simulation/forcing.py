@@ -18,6 +18,7 @@ from rotorfit.lab.data.ring_down import ring_down_test
 from rotorfit.lab.kinds.displacement_test import DisplacementTest
 from rotorfit.lab.kinds.free_vibration import RingDownTest
 from rotorfit.lab.kinds.static_test import StaticTest
+from rotorfit.lab.simulation.instruments import sample_times
 from rotorfit.lab.simulation.integration import Steady, integrate, rest_position, steady_state
 from rotorfit.lab.simulation.rig import VirtualRig, positive, rates_rpm, some_planes
 from rotorfit.models import RotorModel
@@ -354,7 +355,7 @@ def _record(
     fewest = 256  # samples in a record
     a_period = 16.0  # samples in a period of the fastest mode
     rate = sampling_hz if sampling_hz is not None else max(a_period * fastest / (2 * np.pi), fewest / length)
-    time = np.arange(max(int(length * rate), 2)) / rate
+    time = sample_times(length, rate)
     v = np.asarray(np.linalg.solve(motion.mass[0], blow), dtype=complex)
     size = float(np.abs(v).max()) / max(fastest, slowest)
     path = integrate(

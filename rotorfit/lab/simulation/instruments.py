@@ -16,6 +16,24 @@ _NOTCH, _RAMP = np.radians(24.0), np.radians(6.0)
 """Width of the notch and of each of its ramps, rad."""
 
 
+LARGEST_RECORD = 100_000_000
+"""Samples of a channel that a virtual rig records at most."""
+
+
+def sample_times(duration: float, rate: float) -> Float:
+    """Times of the samples of a record, s; two at least.
+
+    Raises:
+        ValueError: a duration or a rate that is not above zero, or too many samples.
+    """
+    if not (duration > 0 and rate > 0 and duration * rate <= LARGEST_RECORD):
+        raise ValueError(
+            f"a record of {duration:g} s at {rate:g} Hz cannot be: both must be above zero, with at most "
+            f"{LARGEST_RECORD:g} samples"
+        )
+    return np.arange(max(int(duration * rate), 2)) / rate
+
+
 @dataclass(frozen=True, kw_only=True)
 class Probes:
     """Displacement probes in x and y and what reads them, alike on every virtual rig."""
@@ -81,7 +99,7 @@ class Instruments(Probes):
         Args:
             duration: of the recording, s.
         """
-        return np.arange(int(duration * self.sample_rate)) / self.sample_rate
+        return sample_times(duration, self.sample_rate)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
