@@ -345,16 +345,16 @@ def read_toml(path: Path, name: str) -> dict[str, Any]:
     most_parts = 64 * _factor()  # of a key: reading takes their square of memory
     if any(piece.count(".") > most_parts for piece in re.split(r"[=,{}\[\]\n]", text)):
         raise ValueError(f"{name}: a key of more than {most_parts:.0f} parts")
-    content: dict[str, Any] = _shown_within(tomllib.loads(text))
+    content: dict[str, Any] = shown_within(tomllib.loads(text))
     return content
 
 
-def _shown_within(value: Any) -> Any:
-    """Values of a TOML file with all texts in them as they are shown."""
+def shown_within(value: Any) -> Any:
+    """Values that a file gives with all texts in them as they are shown."""
     if isinstance(value, dict):
-        return {shown(key): _shown_within(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_shown_within(item) for item in value]
+        return {shown_within(key): shown_within(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return type(value)(map(shown_within, value))
     return shown(value) if isinstance(value, str) else value
 
 

@@ -12,7 +12,8 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from stored import STUDY, days
+from hostile_names import STEERS
+from stored import STUDY, day, days
 
 import rotorfit as rf
 from rotorfit.apps.store import adding, records
@@ -144,6 +145,64 @@ def test_what_differs_is_found_and_no_command_fails_over_it(
         code, _, err = run("store", action, store.path, *more)
         assert code in (0, 1, 2)
         assert all(line.startswith("rotorfit: ") for line in err.splitlines()), err
+
+
+_ON = "WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM c) SELECT"
+RUNS = [
+    f"ALTER TABLE tests RENAME TO kept; CREATE VIEW tests AS {_ON} * FROM kept, c",
+    f"CREATE TRIGGER x AFTER INSERT ON claims BEGIN INSERT INTO alarms SELECT x, 'x' FROM ({_ON} x FROM c); END",
+    "CREATE TRIGGER x AFTER INSERT ON sources BEGIN DELETE FROM fits; END",
+    "DROP TABLE pieces; CREATE VIRTUAL TABLE pieces USING fts5(key, data)",
+    "ALTER TABLE tests ADD COLUMN x AS (hex(zeroblob(400000000)))",
+]
+"""What SQLite would run as a store is read or written: without end, with great memory, or against what is kept."""
+
+
+@pytest.mark.parametrize("script", RUNS)
+def test_a_store_that_runs_what_somebody_wrote_is_refused(
+    script: str, store: rf.Store, run: Run, tmp_path: Path
+) -> None:
+    for statement in script.split("; ") if "BEGIN" not in script else [script]:
+        change(store.path, statement)
+    for words in (
+        ("list",),
+        ("check",),
+        ("trend",),
+        ("add", tmp_path / "day3.csv"),
+        ("get", 1, "--out", tmp_path / "x"),
+    ):
+        code, out, err = run("store", words[0], store.path, *map(str, words[1:]))
+        assert (code, out, err.count("\n")) == (2, "", 1)
+        assert "which rotorfit did not make" in err
+
+
+def test_names_in_a_store_stay_on_their_lines(store: rf.Store, run: Run) -> None:
+    """As those in files do, which are escaped where they are read."""
+    for table, column in (("tests", "machine"), ("fits", "message"), ("parameters", "name"), ("sources", "path")):
+        change(store.path, f"UPDATE {table} SET {column} = {column} || ?", "\x1b[31m\nrotorfit: all is well\u202e")
+    for action in ("list", "trend", "check"):
+        _, out, err = run("store", action, store.path)
+        assert not STEERS.search(out + err)
+
+
+def test_junk_of_gigabytes_is_not_read_to_its_end(store: rf.Store, tmp_path: Path) -> None:
+    """Neither where it is new, nor where it has taken the place of a test."""
+    begin = time.process_time()
+    for name in ("junk.csv", "day0.csv"):
+        (tmp_path / name).write_bytes(b"")
+        os.truncate(tmp_path / name, 64 << 30)
+        [added] = store.add([tmp_path / name], STUDY)
+        assert "is no table" in added.refusal
+    assert time.process_time() - begin < 10  # the checksum of these bytes takes minutes
+
+
+def test_a_record_of_files_that_is_none_supersedes_nothing(store: rf.Store, tmp_path: Path) -> None:
+    for number, text in enumerate(("7", "[]", '[[[1, "x", null]]]', '[[["day0.csv", 1e400, "x"]]]', "["), start=1):
+        change(store.path, "UPDATE sources SET files = ?", text)
+        rf.write(day(10 + number), tmp_path / "day0.csv")
+        [added] = store.add([tmp_path / "day0.csv"])
+        assert added.new_test, added.refusal
+    assert [test.superseded for test in store.tests] == [None] * 8
 
 
 def test_a_source_of_a_test_that_is_gone_is_added_again(store: rf.Store, tmp_path: Path) -> None:

@@ -155,3 +155,13 @@ def test_what_a_setup_says_for_nothing_is_said(tmp_path: Path, what: str) -> Non
     assert [f"{what} in rig.toml is not used" in each and why in each for each in said] == [True]
     (tmp_path / "rig.toml").write_text(SETUP, encoding="utf-8")
     assert not rf.read_recording(path, tmp_path / "rig.toml").findings
+
+
+@pytest.mark.parametrize(("run", "said"), [("a2.h5", 1), ("A", 1), ("a", 0), ("a.h5", 0), ("b", 0)])
+def test_a_run_of_a_file_that_is_not_there_is_said(run: str, said: int, tmp_path: Path) -> None:
+    """Misspelt, its unbalance goes to no file; that of another file beside this one is no fault."""
+    for name in ("a.h5", "b.h5"):
+        write_hdf5(tmp_path / name, CHANNELS, {"sample_rate_hz": RATE})
+    (tmp_path / "rig.toml").write_text(f'{SETUP}[[run]]\nfile = "{run}"\nmr_g_mm = 20.0\n', encoding="utf-8")
+    found = rf.read_recording(tmp_path / "a.h5", tmp_path / "rig.toml").findings
+    assert [one.code for one in found] == ["run-absent"] * said

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -102,17 +101,20 @@ def _refuse(database: Database, source: Source, reason: str) -> None:
 
 def _test_of(database: Database, source: Source, batch: int, machine: str, progress: StudyProgress) -> tuple[int, bool]:
     """Number of the test, and whether it is new."""
-    stamp, identity = source.stamp(), source.identity()
+    stamp = source.stamp()
     with database.look() as ask:
-        asked = f"SELECT test FROM sources WHERE path = ? AND files = ? AND test NOT NULL AND {_THERE}"
-        known = ask(asked, (source.name, identity))
+        asked = f"SELECT files, test FROM sources WHERE path = ? AND test NOT NULL AND {_THERE}"
+        kept = [(files, test) for files, test in ask(asked, (source.name,)) if source.may_be(files)]
+    identity = source.identity() if kept else ""  # of what is read in any case afterwards: junk of gigabytes is refused
+    known = [test for files, test in kept if files == identity]
     row = None
     if not known:
         row = {"batch": batch, **test_row(source, machine, progress)}
+        identity = identity or source.identity()
         if source.stamp() != stamp:
             raise ValueError(f"{source.path} changed while it was read; it is read again when it stands still")
     with database.change() as connection:
-        test = known[0][0] if known else None
+        test = known[0] if known else None
         is_new = False
         if row is not None:
             held = connection.execute("SELECT number FROM tests WHERE content = ?", (row["content"],)).fetchone()
@@ -123,7 +125,7 @@ def _test_of(database: Database, source: Source, batch: int, machine: str, progr
         # tests of earlier states of the source that it continues count no longer
         asked = "SELECT DISTINCT test, files FROM sources WHERE path = ? AND test NOT NULL AND test != ?"
         for other, earlier in connection.execute(asked, (source.name, test)).fetchall():
-            if continues(source, json.loads(earlier)[0]):
+            if continues(source, earlier):
                 connection.execute("UPDATE tests SET superseded = ? WHERE number = ?", (test, other))
                 changed.append(other)
         for number in changed:

@@ -101,6 +101,11 @@ CREATE TABLE alarms ( -- that were reported
 CREATE TABLE pieces ( -- of work that is done in pieces
     key TEXT PRIMARY KEY, data BLOB NOT NULL) WITHOUT ROWID;
 """
+_FOREIGN = """
+SELECT made.name FROM sqlite_master AS made LEFT JOIN pragma_table_xinfo(made.name) AS has
+WHERE made.sql NOT LIKE 'CREATE TABLE %' AND made.sql NOT LIKE 'CREATE INDEX %' OR has.hidden > 0 LIMIT 1
+"""
+"""Asks for what would run as a store is read or written, without end perhaps: views, triggers, virtual tables."""
 
 
 class Database:
@@ -216,6 +221,13 @@ class Database:
             raise ValueError(
                 f"the store {self.path} has version {version}, written by a newer rotorfit; this one reads version "
                 f"{SCHEMA}: install a newer one"
+            )
+        found = connection.execute(_FOREIGN).fetchone()
+        if found is not None:
+            raise ValueError(
+                f"the store {self.path} holds {found[0]!a}, which rotorfit did not make: a view, a trigger or a column "
+                "that is worked out runs what it says; add the tests to a new store, and keep views in a database of "
+                "their own, which attaches this one"
             )
 
     def problems(self) -> list[str]:

@@ -15,6 +15,7 @@ from rotorfit.apps.store.sources import Source
 from rotorfit.apps.study_files.data_files import StudyProgress
 from rotorfit.apps.study_files.study import Outcome
 from rotorfit.base.digits import plus_minus
+from rotorfit.base.file_reading import shown_within
 from rotorfit.base.version import RESULTS, __version__
 from rotorfit.base.written_units import shown_unit
 from rotorfit.identify.fitting.fit_file import fit_to_json
@@ -225,7 +226,7 @@ def stored_test(row: Mapping[str, Any], paths: Sequence[str]) -> StoredTest:
         "sources": tuple(paths),
         "findings": (*errors_in(said), *warnings_in(said)),
     }
-    return _checked(StoredTest(**{**row, **read}))
+    return _checked(StoredTest(**shown_within({**row, **read})))
 
 
 def stored_fit(row: Mapping[str, Any], params: Mapping[str, StoredValue]) -> StoredFit:
@@ -239,7 +240,7 @@ def stored_fit(row: Mapping[str, Any], params: Mapping[str, StoredValue]) -> Sto
         "warnings": tuple(said["warnings"]),
         "params": params,
     }
-    return _checked(StoredFit(**{**own, **read}))
+    return _checked(StoredFit(**shown_within({**own, **read})))
 
 
 def differing(test: StoredTest, said: Mapping[str, Any]) -> list[str]:

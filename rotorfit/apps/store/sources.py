@@ -106,6 +106,11 @@ class Source:
         """Parts of the test: files by their content, and how they are read."""
         return json.dumps([[[path.name, *digest_of(path)] for path in self.paths], self._reading])
 
+    def may_be(self, identity: str) -> bool:
+        """False if the files are others than those of an identity by name or size, which asks for no reading."""
+        sizes = [(path.name, path.stat().st_size) for path in self.paths]
+        return [(name, size) for name, size, _ in _parts(identity)] == sizes
+
     def date(self) -> str:
         """Time of the latest file, by the file system."""
         latest = max(path.stat().st_mtime for path in self.paths)
@@ -123,13 +128,21 @@ class Source:
         return read_as(self.path, () if self.study is None else self.study.files)
 
 
-def continues(source: Source, earlier: Sequence[Sequence[str | int]]) -> bool:
+def continues(source: Source, identity: str) -> bool:
     """True if the files are those of an earlier state of the source, by name, size and hash, some of them longer, or
     with further ones."""
-    now = {path.name: path for path in source.paths}
-    return all(
-        str(name) in now and digest_of(now[str(name)], int(size)) == (size, digest) for name, size, digest in earlier
+    now, earlier = {path.name: path for path in source.paths}, _parts(identity)
+    return bool(earlier) and all(
+        name in now and digest_of(now[name], size) == (size, digest) for name, size, digest in earlier
     )
+
+
+def _parts(identity: str) -> list[tuple[str, int, str]]:
+    """Name, size and hash of each file of an identity; none where a damaged store has something else."""
+    try:
+        return [(str(name), int(size), digest) for name, size, digest in json.loads(identity)[0]]
+    except (ValueError, TypeError, LookupError, OverflowError, RecursionError):
+        return []
 
 
 def sources_of(

@@ -31,7 +31,7 @@ from rotorfit.apps.study_files.results import UNCERTAINTY_FILES
 from rotorfit.apps.study_files.study import Study, check_model
 from rotorfit.apps.study_files.study_file import read_study, study_of
 from rotorfit.base.atomic_file import note_input, refuse_input
-from rotorfit.base.file_reading import reading
+from rotorfit.base.file_reading import reading, shown, shown_within
 from rotorfit.base.names import unknown_name
 from rotorfit.identify.fitting.fit_file import fit_from_json
 from rotorfit.identify.fitting.json_values import decode
@@ -175,7 +175,7 @@ class Store:
             values: dict[int, dict[str, StoredValue]] = {}
             for fit, name, *numbers, unit in parameters:
                 value, stderr, systematic = (math.nan if number is None else float(number) for number in numbers)
-                stored = StoredValue(value=value, stderr=stderr, systematic=systematic, unit=unit)
+                stored = StoredValue(value=value, stderr=stderr, systematic=systematic, unit=shown(unit))
                 values.setdefault(fit, {})[name] = stored
             return tuple(stored_fit(dict(row), values.get(row["number"], {})) for row in rows)
 
@@ -185,7 +185,10 @@ class Store:
         with self.database.look() as ask:
             rows = ask("SELECT path, test, refusal FROM sources ORDER BY number")
         latest = {path: (test, refusal) for path, test, refusal in rows}
-        return {path: refusal for path, (test, refusal) in latest.items() if test is None}
+        found: dict[str, str] = shown_within(
+            {path: refusal for path, (test, refusal) in latest.items() if test is None}
+        )
+        return found
 
     def experiments(self, test: int) -> tuple[Experiment, ...]:
         """The readings of a test.
@@ -281,7 +284,7 @@ class Store:
             with self.database.look() as ask:
                 rows = ask("SELECT key, text FROM settings")
             if len(rows) > 1:
-                texts = "; ".join(text for _, text in rows[:4])
+                texts = "; ".join(shown(text) for _, text in rows[:4])
                 raise ValueError(f"{self.path} holds fits by {len(rows)} settings, say which (study): {texts}")
         key = settings_key(given)[0] if given is not None else str(rows[0][0]) if rows else ""
         first = as_time(since, "since") if since else None

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
@@ -19,7 +19,7 @@ from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
 from rotorfit.base.atomic_file import joined
 from rotorfit.base.digits import significant
-from rotorfit.lab.data.findings import Finding
+from rotorfit.lab.data.findings import Finding, listed
 from rotorfit.lab.recordings import quality, views
 from rotorfit.lab.recordings.angle_track import AngleTrack, Marks, steady_track, track
 from rotorfit.lab.recordings.channel_statistics import ChannelStatistics, statistics
@@ -120,6 +120,7 @@ class Recording(Signals):
     def findings(self) -> tuple[Finding, ...]:
         """Faults that were found or corrected: setup against file, pulses, channels."""
         found = [*(Finding("note", "file", text) for text in self.raw.remarks), *self.rig.findings]
+        found += [] if self.setup is None else [*_absent_runs(self.path, self.setup)]
         shaft, perturbator = self.marks.shaft, self.marks.perturbator
         found += [finding for angle in (shaft, perturbator) if angle is not None for finding in angle.findings]
         found += [*quality.setting_findings(self)]
@@ -145,6 +146,21 @@ class Recording(Signals):
             steady = reference.channel is None
             perturbator = steady_track(self, self.shaft, whirl) if steady else track(self, reference)
         return Marks(shaft=self.shaft, perturbator=perturbator, whirl=whirl)
+
+
+def _absent_runs(path: Path, setup: RigSetup) -> Iterator[Finding]:
+    """A ``[[run]]`` of a file that is not there, where the one that is read has none: misspelt, it says nothing."""
+    if setup.of_file(path.name) is not setup:
+        return
+    files = [file.name for file in path.parent.iterdir()]
+    stems = {name.rpartition(".")[0] for name in files}
+    absent = [name for name in setup.runs if name not in files and name not in stems]
+    if absent:
+        words = (
+            f"{path.name} has no [[run]] in {setup.source or 'the setup'}, which has one of {listed(absent)}; there is "
+            f"no such file beside it, and what that says is not used. Is {path.name} meant?"
+        )
+        yield Finding("warning", "run-absent", words)
 
 
 def read_recording(path: str | Path, setup: str | Path | RigSetup | None = None) -> Recording:
