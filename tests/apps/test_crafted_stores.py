@@ -89,6 +89,8 @@ CRAFTED = [
     ("UPDATE fits SET result = NULL WHERE number = 3", "fit 3: success, D, K0, M, Mf, lam"),
     ("UPDATE fits SET result = (SELECT result FROM fits WHERE number = 1) WHERE number = 3", "fit 3: redchi"),
     ("UPDATE tests SET date = '2026-04-01' WHERE number = 2", "test 2: date are not"),
+    ("UPDATE tests SET date = 'yesterday' WHERE number = 2", "test 2: the date 'yesterday' cannot be read"),
+    ("UPDATE tests SET date = '0001-01-01T00:00+23:59' WHERE number = 2", "+23:59' cannot be read"),
     ("UPDATE tests SET machine = 'other', conditions = '{}' WHERE number = 2", "test 2: conditions are not"),
     ("UPDATE tests SET date_given = 0 WHERE number = 2", "test 2: date_given are not"),
     ("UPDATE tests SET readings = 7 WHERE number = 2", "test 2: readings are not"),
@@ -180,6 +182,8 @@ def test_names_in_a_store_stay_on_their_lines(store: rf.Store, run: Run) -> None
     """As those in files do, which are escaped where they are read."""
     for table, column in (("tests", "machine"), ("fits", "message"), ("parameters", "name"), ("sources", "path")):
         change(store.path, f"UPDATE {table} SET {column} = {column} || ?", "\x1b[31m\nrotorfit: all is well\u202e")
+    change(store.path, 'CREATE TABLE "\x1b\nrotorfit: all" (x REFERENCES tests (number))')
+    change(store.path, 'INSERT INTO "\x1b\nrotorfit: all" VALUES (77)')
     for action in ("list", "trend", "check"):
         _, out, err = run("store", action, store.path)
         assert not STEERS.search(out + err)
@@ -203,6 +207,29 @@ def test_a_record_of_files_that_is_none_supersedes_nothing(store: rf.Store, tmp_
         [added] = store.add([tmp_path / "day0.csv"])
         assert added.new_test, added.refusal
     assert [test.superseded for test in store.tests] == [None] * 8
+
+
+@pytest.mark.parametrize("number", [str(2**63 - 1), "'x'", "1e300"])
+def test_numbers_that_leave_no_room_end_in_a_sentence(number: str, store: rf.Store, run: Run, tmp_path: Path) -> None:
+    change(store.path, f"UPDATE tests SET batch = {number} WHERE number = 3")
+    code, _, err = run("store", "add", store.path, tmp_path / "day3.csv")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "machine.db" in err
+
+
+@pytest.mark.parametrize("linked", [True, False])
+def test_a_page_that_is_somebody_elses_stays(linked: bool, store: rf.Store, run: Run, tmp_path: Path) -> None:
+    """A watch writes one beside its store."""
+    page, other = tmp_path / "stores" / "machine.html", tmp_path / "victim.html"
+    page.parent.mkdir()
+    shutil.move(store.path, page.with_suffix(".db"))
+    other.write_text("my own page", encoding="utf-8")
+    page.symlink_to(other) if linked else shutil.copy(other, page)
+    (tmp_path / "study.toml").write_text('model = "one-mode"\n', encoding="utf-8")
+    words = ("--study", tmp_path / "study.toml", "--store", page.with_suffix(".db"), "--once", "--settle", "0")
+    code, _, err = run("watch", tmp_path, *words)
+    assert (code, err.count("\n")) == (2, 1)
+    assert {page.read_text(encoding="utf-8"), other.read_text(encoding="utf-8")} == {"my own page"}
 
 
 def test_a_source_of_a_test_that_is_gone_is_added_again(store: rf.Store, tmp_path: Path) -> None:

@@ -72,7 +72,8 @@ def is_known(store: Store, source: Source) -> bool:
 
 def _add_tests(database: Database, sources: Sequence[Source], machine: str, progress: StudyProgress) -> list[Added]:
     """Add the tests of sources; what cannot be read is refused."""
-    with database.look() as ask:  # the time, or where a clock was set back the next number: in order of arrival
+    with database.look() as ask, reading(str(database.path), KIND, decoded=True):
+        # the time, or where a clock was set back the next number: in order of arrival
         batch = max(time.time_ns(), int(ask("SELECT coalesce(max(batch), 0) FROM tests")[0][0]) + 1)
     found = []
     for source in sources:

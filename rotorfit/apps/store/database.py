@@ -192,6 +192,8 @@ class Database:
             raise ValueError(
                 f"{self.path}: a test is too long for a store, which holds at most 1e9 packed bytes of each; split it"
             ) from problem
+        except OverflowError as problem:
+            raise ValueError(f"{self.path} is damaged: its numbers leave no room for a further record") from problem
         except sqlite3.IntegrityError as problem:
             raise ValueError(
                 f"{self.path} is damaged: what it holds does not belong together ({_on_one_line(problem)}); `rotorfit "

@@ -9,7 +9,9 @@ from pathlib import Path
 from rotorfit.apps.store.records import StoredValue
 from rotorfit.apps.store.store import Store
 from rotorfit.apps.store.watch import MachineState
+from rotorfit.base.atomic_file import joined
 from rotorfit.base.digits import plus_minus
+from rotorfit.base.file_reading import beginning
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.show.plots.style import picture_of
 from rotorfit.show.report.html import Html, bullets, paragraph, picture, table
@@ -17,13 +19,21 @@ from rotorfit.show.report.page import page, write_whole
 from rotorfit.show.report.parts import note, section, sentence
 from rotorfit.studies.monitoring.history_figure import plot_rules
 
+_TITLE = "History of "
+"""Beginning of the title of every page."""
 _SHOWN = 200
 """Latest tests in the table of a machine. Chosen."""
 
 
 def page_of(store: Store) -> Path:
-    """Where the page of a store is: beside it, ``machine.html`` of ``machine.db``."""
-    return store.path.with_suffix(".html")
+    """Where the page of a store is: beside it, ``machine.html`` of ``machine.db``. Something else that is there is
+    refused, and so is a link out of the folder."""
+    folder = store.path.parent
+    path = joined(folder, store.path.with_suffix(".html").name, limit=folder)
+    head = 4096  # bytes in which the title stands
+    if path.exists() and path.stat().st_size and f"<title>{_TITLE}".encode() not in beginning(path, head):
+        raise FileExistsError(f"{path} is no page of a store, and would be replaced; move it, or rename the store")
+    return path
 
 
 def write_page(store: Store, states: Sequence[MachineState]) -> Path:
@@ -34,7 +44,7 @@ def write_page(store: Store, states: Sequence[MachineState]) -> Path:
         latest = [(Path(path).name, reason) for path, reason in refused]
         words = (reason if reason.startswith(name) else f"{name}: {reason}" for name, reason in latest)
         sections.append(section("Files that could not be read", bullets(words)))
-    content = page(f"History of {store.path.stem}", str(store.path), sections)
+    content = page(f"{_TITLE}{store.path.stem}", str(store.path), sections)
     return write_whole(page_of(store), content.encode("utf-8"))
 
 

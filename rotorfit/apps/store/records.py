@@ -26,6 +26,7 @@ from rotorfit.lab.data.content import content_hash
 from rotorfit.lab.data.findings import Finding, errors_in, warnings_in
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.studies.campaigns.runs import conditions
+from rotorfit.studies.monitoring.trend import as_time
 
 Record = TypeVar("Record", "StoredTest", "StoredFit")
 
@@ -118,15 +119,6 @@ def insert(connection: sqlite3.Connection, table: str, row: Mapping[str, Any]) -
 def now() -> str:
     """The time, ISO 8601."""
     return datetime.now().isoformat(timespec="seconds")
-
-
-def as_time(text: str, what: str) -> datetime:
-    """A date of ISO 8601 as local time."""
-    try:
-        time = datetime.fromisoformat(text)
-    except ValueError:
-        raise ValueError(f"{what}: the date {text!r} cannot be read; write 2026-03-01 or 2026-03-01T14:30") from None
-    return time if time.tzinfo is None else time.astimezone().replace(tzinfo=None)
 
 
 def test_row(source: Source, machine: str, progress: StudyProgress) -> dict[str, Any]:
@@ -226,6 +218,7 @@ def stored_test(row: Mapping[str, Any], paths: Sequence[str]) -> StoredTest:
         "sources": tuple(paths),
         "findings": (*errors_in(said), *warnings_in(said)),
     }
+    as_time(row["date"], f"test {row['number']}")
     return _checked(StoredTest(**shown_within({**row, **read})))
 
 

@@ -18,7 +18,6 @@ from rotorfit.apps.store.records import (
     StoredFit,
     StoredTest,
     StoredValue,
-    as_time,
     differing,
     odd_in_fit,
     said_by,
@@ -39,7 +38,7 @@ from rotorfit.identify.fitting.quantities import THRESHOLD
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.models import RotorModel
-from rotorfit.studies.monitoring.trend import DatedValues, MachineTrend, trend
+from rotorfit.studies.monitoring.trend import DatedValues, MachineTrend, as_time, trend
 
 if TYPE_CHECKING:
     from rotorfit.identify.uncertainty.posterior import Posterior
@@ -367,7 +366,7 @@ class Store:
         try:
             tests, fits = self.tests, self.fits
         except ValueError as problem:
-            return (*found, str(problem))
+            return tuple(map(shown, (*found, str(problem))))
         for test in tests:
             try:
                 odd = differing(test, said_by(self.experiments(test.number), self.path.name))
@@ -385,7 +384,7 @@ class Store:
                 found.append(str(problem))
             else:
                 found += [f"fit {fit.number}: {', '.join(odd)} differ from the result"] * bool(odd)
-        return tuple(found)
+        return tuple(map(shown, found))
 
 
 def study_for_store(study: str | os.PathLike[str] | Mapping[str, Any] | Study | None) -> Study | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from matplotlib.figure import Figure
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.show.plots import style
 from rotorfit.studies.monitoring.alarms import MARGIN, Rule
+from rotorfit.studies.monitoring.trend import as_time
 
 if TYPE_CHECKING:
     from rotorfit.studies.monitoring.trend import MachineTrend
@@ -27,7 +27,7 @@ def plot_trend(trend: MachineTrend, *, sheet: style.Sheet) -> Figure:
     figure, axes = sheet.grid(rows, len(trend.places), "", size=(7.0 / max(len(trend.places), 1), 1.9))
     handles = {}
     for column, place in enumerate(trend.places):
-        x = [datetime.fromisoformat(date) for date in place.dates] if place.dated else np.arange(len(place.dates))
+        x = [as_time(date, place.place) for date in place.dates] if place.dated else np.arange(len(place.dates))
         axes[0, column].set_title(style.literal(place.place), fontsize=style.SMALL_TYPE + 1)
         for row in range(rows):
             axis = axes[row, column]
@@ -87,7 +87,7 @@ def plot_rules(rules: Sequence[Rule], dates: Mapping[int, str]) -> Figure:
     handles = {}
     for row, (rule, (left, right)) in enumerate(zip(rules, axes, strict=True)):
         watched = rule.watched
-        when = [datetime.fromisoformat(dates[test]) for test in watched.tests]
+        when = [as_time(dates[test], f"test {test}") for test in watched.tests]
         speed = watched.unit == "rad/s"
         factor, unit = (RPM_PER_RAD_S, "rpm") if speed else style.prefix(watched.value, watched.unit)
         handles["one test, with its standard error"] = left.errorbar(

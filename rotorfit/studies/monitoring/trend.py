@@ -180,7 +180,10 @@ def trend(
     level = false_alarm / len(by_place)
     if orders < 10 / level:
         orders = int(np.ceil(10 / level))  # a p-value below the level needs so many orders
-    in_time = {name: sorted(own, key=_time) if own[0].date else own for name, own in by_place.items()}
+    in_time = {
+        name: sorted(own, key=lambda one: as_time(one.date, one.source or "a test")) if own[0].date else own
+        for name, own in by_place.items()
+    }
     start = seed_of(rng, seed, 0)
     places = (_place(name, own, level, orders, start) for name, own in in_time.items())
     return MachineTrend(places=tuple(places))
@@ -205,14 +208,13 @@ def _dated(test: ObservedStiffness | DatedValues) -> DatedValues:
     return DatedValues(date=test.date, values=values, units=units, place=place, source=test.source)
 
 
-def _time(entry: DatedValues) -> datetime:
+def as_time(text: str, what: str) -> datetime:
+    """A date of ISO 8601 as local time; ``what`` has it."""
     try:
-        time = datetime.fromisoformat(entry.date)
-    except ValueError:
-        raise ValueError(
-            f"{entry.source or 'a test'}: the date {entry.date!r} cannot be read; write 2026-03-01 or 2026-03-01T14:30"
-        ) from None
-    return time.replace(tzinfo=None) if time.tzinfo is None else time.astimezone().replace(tzinfo=None)
+        time = datetime.fromisoformat(text)
+        return time if time.tzinfo is None else time.astimezone().replace(tzinfo=None)
+    except (ValueError, OverflowError):
+        raise ValueError(f"{what}: the date {text!r} cannot be read; write 2026-03-01 or 2026-03-01T14:30") from None
 
 
 def _matching(name: str, values: Mapping[str, tuple[float, float]]) -> str | None:
