@@ -255,6 +255,7 @@ def typical_values(space: ParameterSpace) -> Float:
     return np.where(inside == 0, 1e-3, inside)
 
 
+@np.errstate(invalid="ignore")  # a probe that reads nothing, at the limit of its factor, tells nothing
 def _beside_bounds(
     space: ParameterSpace, lumped: Lumped, values: Float, information: Float, x: Float, *, held: Bool
 ) -> Float:
@@ -267,6 +268,8 @@ def _beside_bounds(
 
     for _ in range(5 if held.any() and not held.all() else 0):
         J = (lumped.back @ lumped.linearise(x)[1])[:, ~held]
+        if not np.isfinite(J).all():
+            break
         root = np.sqrt(np.maximum(np.einsum("ij,ik,kj->j", J, information, J), 1e-300))
         unit, right = (J / root).T @ information @ (J / root), (J / root).T @ information @ miss(x)
         other = x.copy()

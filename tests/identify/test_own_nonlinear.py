@@ -58,6 +58,19 @@ def test_draws_and_repeated_fits_agree_with_the_errors(case) -> None:
         assert drawn.stderr[name] == pytest.approx(plain.params[name].stderr, rel=0.35)  # of 60 draws: 9 % each
 
 
+def test_a_film_without_mass_is_integrated_in_time() -> None:
+    """Its row, which lacks inertia, is followed; no force acts there."""
+    M, K, D, tau, lam = SEAL.values()
+    lines = {"speed_rpm": 3000.0, "frequency_rpm": [-3000.0, 1500.0, 4000.0], "force": 10.0, "noise": 0.0}
+    test = rf.simulate(LaggingSeal(), SEAL, **lines, planes="seal")
+    rows = np.flatnonzero((test.plane == "seal") & (test.direction == "x"))
+    w, speed = test.frequency[rows], test.speed[rows]
+    motion = 10.0 / (K - M * w**2 + 1j * D * (w - lam * speed) / (1 + 1j * tau * w))
+    np.testing.assert_allclose(test.response[rows], np.where(w < 0, motion.conj(), motion), rtol=1e-5)
+    with refuses(ValueError):
+        rf.simulate(LaggingSeal(), SEAL, **lines)
+
+
 def test_predictions_are_those_of_the_equation_written_a_second_time() -> None:
     fit = rf.fit(Damper(), damper_tests(), causes=None)
     found = fit.predict(350.0, 0.0, force=150.0)

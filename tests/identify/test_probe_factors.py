@@ -114,6 +114,20 @@ def test_sigma_beta_law_and_stiffness_come_out_of_one_set(draws: int) -> None:
         assert abs(np.mean(values)) < 4 / np.sqrt(draws), name
 
 
+def test_probes_between_planes_read_what_is_integrated_in_time() -> None:
+    """Their rows have no inertia; sweeps of a rotor with a law, against the root of its eccentricity."""
+    lines = {"speed_rpm": 1500, "frequency_rpm": [-1500.0, 2400.0], "force": 15.0}
+    test = rf.simulate(model(), TRUE, **lines, noise=0, tolerance=1e-4)
+    rows = np.flatnonzero((test.plane == "quarter") & (test.direction == "x")).tolist()
+    assert len(rows) == 4
+    for k in rows:
+        w = float(test.frequency[k])
+        acting = test.force[k] * np.array([test.force_plane[k] == "disk", test.force_plane[k] == "journal"])
+        disk, seat = orbit(TRUE, 1500 * RPM, w, acting)
+        expected = TRUE["beta3"] * (SHARES["disk"] * disk + SHARES["journal"] * seat)
+        assert test.response[k] == pytest.approx(expected.conjugate() if w < 0 else expected, rel=1e-3)
+
+
 def test_static_loads_are_read_by_the_same_probes() -> None:
     """A constant load is the line at zero frequency: readings with a factor are those without it, times the factor."""
     rotor = rf.models.OneMode(law=rf.models.Muszynska(), clearance_um=1e6 * CLEARANCE)
@@ -195,6 +209,14 @@ def test_measured_stiffness_is_drawn_without_the_factors() -> None:
             np.testing.assert_allclose(mine, yours, rtol=1e-9)
     lines = next(journal_lines(plain_fit(model(), measured(0), known=KNOWN), static=False))
     assert np.abs(lines.eccentricity / lines.fitted_eccentricity - 1).max() < 5 * NOISE
+
+
+def test_a_probe_wired_the_other_way_ends_in_a_fit() -> None:
+    """The closed form puts its factor at the limit, zero, where the equations of the readings are no numbers."""
+    rotor, sweep = rf.models.Chain(2, betas=True), np.r_[-4000:-200:400, 400:4001:400].tolist()
+    true = {"M1": 1.5, "M2": 2.0, "K1": 3e4, "K2": 4e4, "K3": 1e4, "Ds1": 15.0, "Ds2": 10.0, "beta2": -1.0}
+    other = rf.simulate(rotor, true, speed_rpm=900, frequency_rpm=sweep, force=10.0, exact=True)
+    assert plain_fit(rotor, other, known={"beta2": None}).redchi > 1000
 
 
 def test_what_probes_refuse() -> None:

@@ -214,6 +214,11 @@ def _steady(rig: VirtualRig, lines: _Lines, order: LineOrder) -> Steady:
         still = np.zeros_like(forward)
         return Steady(forward=forward, backward=still, mean=still, z=forward, v=1j * frequency[:, None] * forward)
     motion = rig.motion(lines.speed)
+    if pushed := [str(rig.model.coordinates[i]) for i in motion.rows.massless if lines.force[:, i].any()]:
+        raise ValueError(
+            f"{rig.model.name}: {', '.join(pushed)} has no mass, and its motion in time under a force is not followed; "
+            "leave it out of planes="
+        )
     direction = -1 if order == "down" else 1
     queues = list(np.arange(frequency.size)[:, None])
     if order != "rest":

@@ -19,6 +19,7 @@ from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.models import RotorModel
 from rotorfit.models.motion.journal import Journal, journal
+from rotorfit.models.motion.time_steps import RowsInTime
 
 Force = Callable[[float], ComplexArray]
 
@@ -65,7 +66,12 @@ class Motion:
     @cached_property
     def centred(self) -> ComplexArray:
         """Coefficient matrices of the centred rotor, shape ``(L, 3, n, n)``."""
-        return self.model.coefficients(self.theta, self.speed)
+        return self.rows.of(self.model.coefficients(self.theta, self.speed))
+
+    @cached_property
+    def rows(self) -> RowsInTime:
+        """What makes rows without inertia tell an acceleration."""
+        return RowsInTime(self.model.coefficients(self.theta, self.speed))
 
     @property
     def mass(self) -> ComplexArray:

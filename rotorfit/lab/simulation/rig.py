@@ -28,7 +28,7 @@ from rotorfit.models import RotorModel, threshold_speed
 from rotorfit.models.motion.journal import journal
 from rotorfit.models.motion.off_centre import off_centre_eigenvalues, static_equilibria
 from rotorfit.models.motion.stability import growth_rate, roots
-from rotorfit.models.motion.time_steps import TimeSteps
+from rotorfit.models.motion.time_steps import RowsInTime, TimeSteps
 from rotorfit.models.shafts.angular_rates import angular_rates, real_numbers
 
 
@@ -228,7 +228,8 @@ def linear_path(
 
 def _modes(model: RotorModel, theta: Float, speed: float) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
     """Eigenvalues, right eigenvectors of displacements and velocities, and what a force gives each mode."""
-    stiffness, damping, mass = model.coefficients(theta, speed)
+    coefficients = model.coefficients(theta, speed)
+    stiffness, damping, mass = RowsInTime(coefficients).of(coefficients)
     n = mass.shape[0]
     companion = np.zeros((2 * n, 2 * n), dtype=complex)
     companion[:n, n:] = np.eye(n)

@@ -182,7 +182,9 @@ def _with_probe_factors(plain: FitResult, steps: list[FitResult]) -> Iterator[Fi
         left = [name for plane, name in probe_factors(plain.model).items() if plane in read]
         tried = [_free(best, name) for name in left if name not in freed_factors(best).values()]
         steps += [step for step in tried if not step.identifiability.unresolved]
-        best = min((step for step in tried if step.success), key=lambda step: step.aic, default=plain)
+        least = min((step.aic for step in tried if step.success), default=math.nan)
+        same = 1e-3  # difference of AIC within which two sets say the same but for round-off: the first of them
+        best = next((step for step in tried if step.success and step.aic < least + same), plain)
         if best is plain:
             return
     if best is not plain and _explained(best) and not best.identifiability.unresolved:
@@ -331,7 +333,9 @@ def refit(
     wanted = replace(
         settings.asked, known=known, priors={**settings.priors, **(priors or {})}, start=start, refined=chosen
     )
-    return fitted(model, fit.experiments, wanted if with_causes else replace(wanted, causes=None))
+    # A candidate begins at the optimum of the model inside it, from where damped steps lead down.
+    method = "gauss-newton" if settings.method == "auto" else settings.method
+    return fitted(model, fit.experiments, wanted if with_causes else replace(wanted, causes=None, method=method))
 
 
 @dataclass(frozen=True, kw_only=True)
