@@ -6,7 +6,7 @@ started from the latter. Bias, variance and root-mean-square error of each param
 Cramer-Rao bound. Exit status 1 says that an optimised estimate missed the bound where the noise is small
 enough for it to apply, or that at 1 % noise or less one was not the optimum found from the true parameters.
 
-    python benchmarks/closed_form_vs_optimised.py
+    python benchmarks/closed_form_vs_optimised.py --pays 200
     python benchmarks/closed_form_vs_optimised.py --models one-mode whirl-whip --levels 0.01 --draws 10000 \
         --within 0.05 --name variance_10000
 """
@@ -17,15 +17,18 @@ import argparse
 import math
 import shlex
 import sys
+import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
 from nonlinearity import second_order
+from optimising_pays import Pay, pay_table, situations, study_pay
 from reporting import RESULTS, environment, table, write_csv
 from rigs import RIGS, Rig, true_vector, with_noise
 
@@ -41,6 +44,8 @@ PACKAGES = ("numpy", "scipy", "casadi")
 LEVELS = (0.001, 0.003, 0.01, 0.03, 0.1)
 SAME = 1e-6  # relative difference of cost below which two minima are one
 REQUIRED = 1.0  # noise in percent up to which no other minimum may be found
+TWO_SIDED = 1.96
+"""Standard errors of a 95 % interval."""
 SIGMAS = 3.5
 """Sampling errors by which a variance may differ from the bound."""
 
@@ -56,6 +61,8 @@ class Row:
         bound_applies: whether the noise is small enough for the optimised estimate to scatter as it says.
         failures: draws without an estimate, or whose optimisation did not converge.
         other_minima: draws whose optimised estimate is worse than the optimum found from the true parameters.
+        covered: share of the weighted closed form's own 95 % intervals that hold the truth, NaN of others.
+        milliseconds: processor time of an estimate, that of its start within the optimised one's.
     """
 
     model: str
@@ -74,25 +81,44 @@ class Row:
     draws: int
     failures: int
     other_minima: int
+    covered: float
+    milliseconds: float
 
 
-def estimates(problem: Problem, truth: Float, draws: int, seed: int) -> tuple[Float, NDArray[np.intp], int]:
-    """Estimates of every draw, shape ``(3, draws, p)`` as in :data:`ESTIMATORS`, failures of each, and other minima."""
+class Estimates(NamedTuple):
+    """Those of every draw, shape ``(3, draws, p)`` as in :data:`ESTIMATORS`, with failures and time of each, other
+    minima, and which of the weighted closed form's own intervals hold the truth, shape ``(draws, p)``."""
+
+    values: Float
+    failures: NDArray[np.intp]
+    seconds: Float
+    other_minima: int
+    inside: NDArray[np.bool_]
+
+
+def estimates(problem: Problem, truth: Float, draws: int, seed: int) -> Estimates:
+    """Draws of the noise, through each estimator."""
     space = problem.space
     rng = np.random.default_rng(seed)
     result = np.full((3, draws, space.size), np.nan)
-    failures = np.zeros(3, dtype=np.intp)
-    other_minima = 0
+    failures, seconds, other_minima = np.zeros(3, dtype=np.intp), np.zeros(3), 0
+    inside = np.zeros((draws, space.size), dtype=bool)
     for draw in range(draws):
         noisy = with_noise(problem, rng)
         for number, weighted in enumerate((False, True)):
-            result[number, draw] = closed_form(space, noisy.blocks, weighted=weighted).x
+            begun = time.process_time()
+            closed = closed_form(space, noisy.blocks, weighted=weighted)
+            seconds[number] += time.process_time() - begun
+            result[number, draw] = closed.x
+        inside[draw] = np.abs(closed.x - truth) < TWO_SIDED * np.sqrt(np.diag(closed.covar))
+        begun = time.process_time()
         start = find_start(noisy, {}).x
         found = minimise(noisy, start, lower=space.lower, upper=space.upper)
+        seconds[2] += time.process_time() - begun
         result[2, draw] = found.x
         failures += [*np.isnan(result[:2, draw]).any(axis=1), not found.success]
         other_minima += found.cost > (1 + SAME) * minimise(noisy, truth, lower=space.lower, upper=space.upper).cost
-    return result, failures, other_minima
+    return Estimates(result, failures, seconds, other_minima, inside)
 
 
 def study(rig: Rig, level: float, draws: int, lines: int, seed: int) -> list[Row]:
@@ -100,8 +126,8 @@ def study(rig: Rig, level: float, draws: int, lines: int, seed: int) -> list[Row
     problem = rig.problem(lines, level)
     truth = true_vector(problem, rig.truth)
     theory = second_order(problem, truth)
-    errors, failures, other_minima = estimates(problem, truth, draws, seed)
-    errors = (errors - truth) / theory.stderr
+    found = estimates(problem, truth, draws, seed)
+    errors, other_minima = (found.values - truth) / theory.stderr, found.other_minima
     rows = []
     for i, name in enumerate(problem.space.names):
         for number, estimator in enumerate(ESTIMATORS):
@@ -123,8 +149,10 @@ def study(rig: Rig, level: float, draws: int, lines: int, seed: int) -> list[Row
                     variance=float(sample.var(ddof=1)),
                     rmse=float(np.sqrt(np.mean(sample**2))),
                     draws=draws,
-                    failures=int(failures[number]),
+                    failures=int(found.failures[number]),
                     other_minima=other_minima,
+                    covered=100 * float(found.inside[:, i].mean()) if estimator == ESTIMATORS[1] else math.nan,
+                    milliseconds=1000 * float(found.seconds[number]) / draws,
                 )
             )
     return rows
@@ -156,7 +184,7 @@ def misses(rows: Iterable[Row], within: float | None) -> list[Row]:
 # ---- output ------------------------------------------------------------------------------------------------
 
 
-def write_markdown(rows: Sequence[Row], path: Path, command: str) -> None:
+def write_markdown(rows: Sequence[Row], pays: Sequence[Pay], path: Path, command: str) -> None:
     cases = list(dict.fromkeys((row.model, row.noise_percent) for row in rows))
     text = [
         "# Closed form against optimised",
@@ -165,6 +193,7 @@ def write_markdown(rows: Sequence[Row], path: Path, command: str) -> None:
         "",
         *_overview(rows, cases),
         "",
+        *(pay_table(pays) if pays else []),
         *_where_the_bound_applies(rows, cases),
         "",
         *_parameters(rows),
@@ -181,12 +210,17 @@ def _overview(rows: Sequence[Row], cases: Sequence[tuple[str, float]]) -> list[s
             rmse = {row.parameter: row.rmse for row in case if row.estimator == estimator}
             worst = max(rmse, key=lambda name: rmse[name])
             cells.append(f"{np.median(list(rmse.values())):.3g} ({worst} {rmse[worst]:.3g})")
-        lines.append([model, f"{noise:g} %", *cells, str(case[-1].failures), str(case[-1].other_minima)])
+        held = [row.covered for row in case if row.estimator == ESTIMATORS[1]]
+        times = ", ".join(f"{row.milliseconds:.1f}" for row in case[: len(ESTIMATORS)])
+        counts = str(case[-1].failures), str(case[-1].other_minima)
+        lines.append([model, f"{noise:g} %", *cells, f"{np.mean(held):.1f} % ({min(held):.1f})", times, *counts])
     return [
-        "RMSE over the Cramer-Rao bound, median over the parameters and, in brackets, the worst parameter. The last "
-        "columns count draws whose optimisation did not converge, or ended in another minimum than from the truth.",
+        "RMSE over the Cramer-Rao bound, median over the parameters and, in brackets, the worst parameter. Covered: "
+        "the weighted closed form's own 95 % intervals that hold the truth, and those of the worst parameter. ms: "
+        "processor time of an estimate without its errors, by the three in turn. The last columns count draws whose "
+        "optimisation did not converge, or ended in another minimum than from the truth.",
         "",
-        *table(["model", "noise", *ESTIMATORS, "not converged", "other minimum"], lines),
+        *table(["model", "noise", *ESTIMATORS, "covered", "ms", "not converged", "other minimum"], lines),
     ]
 
 
@@ -264,6 +298,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--models", nargs="+", choices=list(RIGS), default=list(RIGS))
     parser.add_argument("--levels", nargs="+", type=float, default=list(LEVELS), help="noise over rms response")
     parser.add_argument("--draws", type=int, default=1000)
+    parser.add_argument("--pays", type=int, default=0, help="draws of each test where optimising may pay")
     parser.add_argument("--lines", type=int, default=200, help="signed frequencies in each sweep")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--within", type=float, help="variance over bound allowed to differ from 1 by this, everywhere")
@@ -289,7 +324,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     note = "bias, rmse: over the Cramer-Rao bound; variance: over its square"
     write_csv(rows, options.out / f"{options.name}.csv", command, environment(*PACKAGES), note)
-    write_markdown(rows, options.out / f"{options.name}.md", command)
+    pays = [
+        row
+        for number, case in enumerate(situations())
+        if options.pays
+        for row in study_pay(case, options.pays, options.seed * 10_000 + number)
+    ]
+    write_markdown(rows, pays, options.out / f"{options.name}.md", command)
     if len(options.levels) > 1:
         draw_figure(rows, options.out / f"{options.name}.png")
     missed = misses(rows, options.within)
