@@ -46,7 +46,7 @@ axes[1, 0].set(ylabel="quadrature stiffness, kN/m")
 axes[0, 0].legend(loc="lower center")
 
 # %%
-# Figs 19 and 20: parameters identified from a sweep at each flow, with both inlets in one campaign. The pressure is
+# Fig. 19: parameters identified from a sweep at each flow, with both inlets in one campaign. The pressure is
 # proportional to the square of the flow, and K0 and D follow the pressure. A parabola in the flow shows this, with an
 # error for each coefficient.
 
@@ -70,6 +70,28 @@ for trend in found.trends("K0", against="flow_l_min", by="inlet"):
     print(f"{trend.group:<9} straight line: scatter {trend.scatter:.1f}")
 for run in found.runs[-2:]:
     print(f"{run.name}: threshold {found.fit(run.name).threshold_speed().to('rpm')}")
+
+# %%
+# Fig. 20: both inlets at once. Fluid from the radial inlet dilutes the swirl of the antiswirl ports, so that lam falls
+# with the pressure drop over the ports, the less the more comes in radially.
+
+
+def mixed(radial, drop):
+    """Coefficients of the fictitious seal with a radial pressure and a pressure drop over the ports, psi."""
+    return seal(radial + drop, False) | {"lam": 0.43 - 0.30 * drop / (60 + drop + radial)}
+
+
+mixes = []
+for radial in (20, 40, 60):
+    for drop in (0, 10, 20, 30, 45, 60):
+        test = rf.simulate(
+            model, structure | mixed(radial, drop), speed_rpm=1000, frequency_rpm=rpm, force=3.0, noise=0.03,
+            seed=700 + 7 * radial + drop, exact=True,
+        )  # fmt: skip
+        conditions = {"drop_psi": np.full(len(test), drop), "radial_psi": np.full(len(test), radial)}
+        mixes.append(replace(test, source=f"{radial} psi radial, {drop} psi", attributes=conditions))
+mix = rf.campaign(model, mixes, split=None, known=structure)
+mix.plot.trends(("lam",), against="drop_psi", by="radial_psi", degree=2)
 
 # %%
 # What to look at: in Fig. 18 the antiswirl inlet moves the zero of the quadrature line to the left at equal speed, but

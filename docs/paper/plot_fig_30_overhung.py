@@ -38,7 +38,7 @@ axis.set(xlim=(-0.1, 5.2), ylim=(-0.8, 1.3), aspect="equal", title="overhung dis
 axis.axis("off")
 
 # %%
-# Fig. 31: polar plots of deflection and tilt at two speeds. The force acts at the disk, forward (filled points) and
+# Fig. 31: polar plots of deflection and tilt at several speeds. The force acts at the disk, forward (filled points) and
 # backward (open points).
 
 rpm = np.linspace(1200, 7000, 30)
@@ -46,7 +46,7 @@ tests = [
     rf.simulate(
         model, truth, speed_rpm=speed, frequency_rpm=np.r_[-rpm[::-1], rpm], force=20.0, noise=0.005, seed=speed
     )
-    for speed in (800, 2000)
+    for speed in (0, 800, 2000, 3200)
 ]
 fit = rf.fit(model, tests, known={"It": 0.06})
 for name, value in truth.items():

@@ -28,8 +28,9 @@ _LINEAR = 0.06
 """Damping ratio up to which its axis is about linear; beyond it is logarithmic."""
 
 _READS = (
-    "F forward, solid and warm; B backward, dashed and cool; thick: the mode that goes unstable. Numbers: frequency at",
-    "the highest tested speed. Circles: fitted modes at tested speeds. Band at the threshold: its 95 % interval.",
+    "F forward, solid and warm; B backward, dashed and cool; thick: the mode that goes unstable. Numbers: frequency",
+    "at the highest tested speed; in brackets, that at which the shaft bends: speed less signed frequency.",
+    "Circles: fitted modes at tested speeds. Band at the threshold: its 95 % interval.",
 )
 
 _READS_SENSELESS = ("Sense unknown: no speed tells forward from backward here, each mode is drawn once.",)
@@ -178,6 +179,8 @@ def _campbell(sheet: style.Sheet, axis: Any, modes: _Modes) -> None:
         axis.plot(_at_tested(modes) * sheet.per_rad_s, _values(modes, w[:, mode]), **_circle(look))
         own = modes.damping[modes.named_at, mode]
         words = significant(abs(w[modes.named_at, mode]), 4) if own < _OVERDAMPED else "overdamped"
+        bends = x[modes.named_at] - w[modes.named_at, mode]
+        words += f" ({significant(abs(bends), 4)})" if name[-1] in "FB" and own < _OVERDAMPED else ""
         labels.append((f"{name} {words}", w[-1, mode], look["color"]))
     inside = x[x < span]
     axis.plot(inside, inside, ":", color=style.GREY, lw=1.0, zorder=2)
