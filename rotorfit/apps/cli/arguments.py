@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, nullcontext
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +27,19 @@ WRITTEN = "file to write (.csv .uff .nc .mat)"
 
 
 def option(
-    to: argparse._ActionsContainer, written: str, help: str, kind: Callable[[str], Any] = str, **more: Any
+    to: argparse._ActionsContainer,
+    written: str,
+    help: str,
+    kind: Callable[[str], Any] = str,
+    *,
+    of: Callable[..., Any] | None = None,
+    **more: Any,
 ) -> None:
     """An option as its help writes it: ``--speed RPM``. With nothing behind it it is a flag; with ``...`` at the end
-    it may be given again."""
+    it may be given again. Its default is that of the function ``of`` which it is handed to by this name."""
     word, _, value = written.partition(" ")
+    if of is not None:
+        more["default"] = signature(of).parameters[word[2:].replace("-", "_")].default
     if not value:
         to.add_argument(word, action="store_true", help=help, **more)
     elif value.endswith(" ..."):
@@ -147,9 +156,9 @@ def add_jobs(to: argparse.ArgumentParser, what: str) -> None:
     option(to, "--cluster ADDRESS", f"Dask cluster to {what} with: local:8, or a scheduler's tcp://host:8786")
 
 
-def add_false_alarm(to: argparse.ArgumentParser, help: str) -> None:
-    """Probability of a false alarm."""
-    option(to, "--false-alarm P", help, probability_word, default=0.01)
+def add_false_alarm(to: argparse.ArgumentParser, help: str, work: Callable[..., Any]) -> None:
+    """Probability of a false alarm, that of the work unless given."""
+    option(to, "--false-alarm P", help, probability_word, of=work)
 
 
 def workers_of(options: argparse.Namespace) -> AbstractContextManager[Executor | None]:

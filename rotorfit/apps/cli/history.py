@@ -35,7 +35,7 @@ def add_trend(to: argparse.ArgumentParser) -> None:
     """Options of the command."""
     add_files(to)
     option(to, "--speed-range LO:HI", "speeds to use, rpm; stay below the next critical")
-    add_false_alarm(to, "probability of reporting a change when there is none [%(default)g]")
+    add_false_alarm(to, "probability of reporting a change when there is none [%(default)g]", followed_trend)
     add_output(to, "trend.csv, summary.txt and trend.png")
 
 
@@ -128,7 +128,7 @@ def add_store(to: argparse.ArgumentParser) -> None:
     follow = action("trend", _trend, "report changes of fitted values over time")
     option(follow, "--study STUDY.toml", "settings of the fits [the only ones]", Path)
     add_followed(follow)
-    add_false_alarm(follow, "see `rotorfit trend`")
+    add_false_alarm(follow, "see `rotorfit trend`", Store.trend)
     add_output(follow)
     getting = action("get", _get, "write the result of a fit as fit.json, and its data")
     getting.add_argument("number", type=int, metavar="FIT", help="number of the fit, as `rotorfit store list` shows it")

@@ -17,7 +17,9 @@ from rotorfit.base.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 from rotorfit.identify.fitting.fit_file import load_fit
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.options.kinds import number_word, pairs, positive_word, probability_word
+from rotorfit.identify.uncertainty.predict import predict as predicted
 from rotorfit.identify.uncertainty.prediction import Prediction
+from rotorfit.identify.uncertainty.stability.report import stability_report
 from rotorfit.lab.data.findings import errors_in
 from rotorfit.studies.planning.record import Plan
 
@@ -84,7 +86,7 @@ def add_predict(to: argparse.ArgumentParser) -> None:
     option(to, "--plane PLANE", "where the motion is predicted [where the force acts]")
     option(to, "--direction X", "x or y, of models that keep both apart")
     add_group(to)
-    option(to, "--level LEVEL", "probability that a band holds [%(default)g]", probability_word, default=0.95)
+    option(to, "--level P", "probability that a band holds [%(default)g]", probability_word, of=predicted)
     option(to, "--whole", "bands that hold for whole curves, not point by point")
     option(to, "--noise-only", "bands by the noise alone, as if every cause were known")
     add_output(to, "prediction.csv, summary.txt and prediction.png", figures=True)
@@ -154,20 +156,20 @@ def add_judge(to: argparse.ArgumentParser) -> None:
     to.add_argument("fit", type=Path, metavar="FIT.json", help="a saved fit, fit.json of a folder with results")
     option(to, "--max-speed RPM", "highest running speed [highest tested]", positive_word)
     option(to, "--min-speed RPM", "lowest running speed [the highest]", positive_word)
-    option(to, "--min-decrement MIN_DECREMENT", "required log. decrement [%(default)g]", positive_word, default=0.1)
+    option(to, "--min-decrement RATE", "required log. decrement [%(default)g]", positive_word, of=stability_report)
     words = "required threshold speed over running speed [%(default)g]"
-    option(to, "--min-threshold-ratio MIN_THRESHOLD_RATIO", words, positive_word, default=1.0)
+    option(to, "--min-threshold-ratio RATIO", words, positive_word, of=stability_report)
     option(to, "--cross-coupling PLANE=N/M ...", "anticipated cross-coupled stiffness at a plane, N/m")
-    option(to, "--min-cross-coupling-ratio MIN_CROSS_COUPLING_RATIO", "Q0/Qa [%(default)g]", positive_word, default=2.0)
+    option(to, "--min-cross-coupling-ratio RATIO", "Q0/Qa [%(default)g]", positive_word, of=stability_report)
     option(to, "--unbalance PLANE=G_MM ...", "unbalance at a plane")
     option(to, "--plane PLANE", "where unbalance responses are judged [that of the unbalance]")
     option(to, "--max-amplitude UM", "largest deflection at running speeds", positive_word)
     option(to, "--sensitivity PLANE", "bearing whose sensitivity function is judged")
-    option(to, "--max-sensitivity MAX_SENSITIVITY", "its largest value [%(default)g]", positive_word, default=3.0)
+    option(to, "--max-sensitivity VALUE", "its largest value [%(default)g]", positive_word, of=stability_report)
     words = "a further case, as factors on parameters: 'smallest clearance:K0=1.3,D=1.5'"
     option(to, "--case CASE:NAME=FACTOR ...", words)
     add_group(to)
-    option(to, "--level LEVEL", "probability of the intervals [%(default)g]", probability_word, default=0.95)
+    option(to, "--level P", "probability of the intervals [%(default)g]", probability_word, of=stability_report)
     add_output(to, "stability.csv, summary.txt and stability.png", figures=True)
 
 

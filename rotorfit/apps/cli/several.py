@@ -31,11 +31,13 @@ def add_campaign(to: argparse.ArgumentParser) -> None:
     to.add_argument("study", type=Path, metavar="STUDY.toml", help=help)
     help = "test files in place of the study's, which are then patterns of names: how files of such names are read"
     add_paths(to, help, "*")
-    option(to, "--split ATTRIBUTE", "column that separates the runs [%(default)s]", default="run")
-    option(to, "--shared A,B", "parameters with one value for all runs", words, default=())
+    option(to, "--split ATTRIBUTE", "column that separates the runs [%(default)s]", of=fit_campaign)
+    option(to, "--shared A,B", "parameters with one value for all runs", words, of=fit_campaign)
     option(to, "--against A,B", "columns that trends are shown against: pressure_psi,oil_C", words)
     option(to, "--by ATTRIBUTE", "column that makes groups: inlet")
-    option(to, "--degree N", "degree of the trends' polynomials; 1: lines [%(default)s]", count_word, default=1)
+    option(
+        to, "--degree N", "degree of the trends' polynomials; 1: lines [%(default)s]", count_word, of=Campaign.trends
+    )
     option(to, "--follow A,B", "parameters whose trends are shown [K0, lam, D]", words)
     add_jobs(to, "reduce recordings and fit")
     option(to, "--store STORE", "store that keeps each fit; the same command continues there after a stop", Path)

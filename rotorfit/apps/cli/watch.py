@@ -34,7 +34,8 @@ def add_watch(to: argparse.ArgumentParser) -> None:
     option(to, "--store STORE", "machine.db; machine.html is beside it", Path, required=True)
     add_followed(to)
     option(to, "--against A,B", "conditions that a level may depend on", words, default=())
-    add_false_alarm(to, "probability that a machine which does not change ever raises an alarm [%(default)g]")
+    help = "probability that a machine which does not change ever raises an alarm [%(default)g]"
+    add_false_alarm(to, help, FolderWatch)
     option(to, "--running-speed RPM", "watch the threshold speed against it", positive_word)
     option(to, "--margin X", "threshold speed over --running-speed that is required [1]", positive_word)
     option(to, "--on-alarm CMD", "program and arguments; it reads the alarm as JSON", default="")
@@ -42,7 +43,7 @@ def add_watch(to: argparse.ArgumentParser) -> None:
     option(to, "--once", "one round, for cron; exit code 3 while an alarm stands")
     option(to, "--every S", "seconds between rounds [%(default)g]", positive_word, default=10.0)
     help = "seconds for which a file must not change before it is read [%(default)g]"
-    option(to, "--settle S", help, float, default=5.0)
+    option(to, "--settle S", help, float, of=FolderWatch)
     option(to, "--json", "print events as JSON, one per line")
     option(to, "--quiet", "print alarms only")
 
