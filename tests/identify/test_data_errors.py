@@ -21,9 +21,10 @@ import rotorfit as rf
 from rotorfit.identify.diagnosis import findings
 from rotorfit.identify.diagnosis.data_errors import undone
 from rotorfit.identify.diagnosis.findings import explained
+from rotorfit.identify.diagnosis.trial_fits import corrected_by_value
 from rotorfit.identify.fitting.fit import fitted
 from rotorfit.identify.fitting.settings import FitSettings
-from rotorfit.lab.data.experiments import PerturbationTest
+from rotorfit.lab.data.experiments import PerturbationTest, perturbations
 
 Slip = Callable[[PerturbationTest], PerturbationTest]
 
@@ -318,3 +319,10 @@ def test_a_table_of_one_frequency_is_diagnosed_without_an_exception(rig: Perturb
     wrong = {"K3": K3, "Md": 40.0, "Mb": 9.0, "Ds": 0.0, "sigma": 1.0, "Mf": 0.0, "lam": 0.4}
     fit = plain_fit(rf.models.WhirlWhip(), one, known=wrong)
     assert "internal-problem" not in {found.code for found in fit.findings}
+
+
+@pytest.mark.parametrize(
+    "name", ["delay (all: --1 s)", "delay (all: 1e999 s)", "readings-scaled (of forward whirl: 2 at +-1 degrees)"]
+)
+def test_a_value_that_is_no_number_is_no_correction(name: str) -> None:
+    assert corrected_by_value(perturbations((rf.datasets.rig_open(),)), name) is None

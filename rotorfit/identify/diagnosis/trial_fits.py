@@ -307,7 +307,8 @@ def _explanation(group: _Group, power: int, factor: complex, left: float) -> Exp
 # ---- corrections by a value ------------------------------------------------------------------------------------------
 
 
-_BY_VALUE = re.compile(r"(?P<code>[\w-]+) \((?P<who>.+): (?P<value>[-+.\de]+)(?: at (?P<angle>[-+.\de]+))? [\w ]+\)")
+_NUMBER = r"[-+]?\d+(?:\.\d*)?(?:e[-+]?\d{1,2})?"
+_BY_VALUE = re.compile(rf"(?P<code>[\w-]+) \((?P<who>.+): (?P<value>{_NUMBER})(?: at (?P<angle>{_NUMBER}))? [\w ]+\)")
 """Name of a correction that says its value, ``delay (all: 0.0015 s)``, ``readings-scaled (of run 3: 2 at 0 degrees)``.
 """
 
