@@ -293,6 +293,8 @@ class Row:
     foundation: float = 0.0  # compliance of a resonance in the band, of the rig's static compliance
     sizes: str = "usual"  # or "first": those of the first list of sizes
     gain: float | None = None  # size of the gain that the fit is given
+    film: bool = False  # a full film of a short bearing, of which the fit knows the clearance and no law
+    rest: float = 0.0  # square of the eccentricity at which the journal of a short bearing rests, given
 
 
 def sweep_of(rotor: Rotor, row: Row) -> Sweep:
@@ -384,7 +386,7 @@ FIRST = {
 
 def given_sizes(row: Row, listed: Mapping[str, tuple[float, bool]], sweep: Sweep) -> dict[str, float]:
     """Sizes that the fit is given."""
-    given = {name: 0.0 for name in listed if name.partition("[")[0] in row.out}
+    given = {name: 0.0 for name in (*listed, *row.extra) if name.partition("[")[0] in row.out}
     if row.sizes == "first":
         planes = sum(name.startswith("gain[") for name in listed)
         for name, (size, _) in listed.items():
@@ -401,6 +403,8 @@ def given_sizes(row: Row, listed: Mapping[str, tuple[float, bool]], sweep: Sweep
                 factor = 1 / 3
             if factor != 1:
                 given[name] = factor * size
+    if row.rest:
+        given["rest[journal]"] = row.rest
     if row.gain is not None:
         given |= {name: row.gain for name in listed if name.startswith("gain")}
     return given
@@ -475,8 +479,12 @@ def found_in(row: Row, number: int, seed: int, rigs: int = 60) -> Found:
         known = known_of(row.kind, rotor) | {name: 0.0}
     else:
         known = known_of(row.kind, rotor, row.free)
-    test = responses(rotor, sweep, acting, row, np.random.default_rng([seed, number, 4]))
-    fit = rf.fit(model_of(row.kind), test, known=known, causes=given)
+    tested = replace(rotor, D=(1 + 3 * row.rest) * rotor.D)
+    if row.film:
+        tested = replace(tested, law=(0.0, 1.5, 0.0), clearance=200e-6)
+    test = responses(tested, sweep, acting, row, np.random.default_rng([seed, number, 4]))
+    model = rf.models.OneMode(rotor.planes, clearance_um=200.0) if row.film else model_of(row.kind)
+    fit = rf.fit(model, test, known=known, causes=given)
     truth = truth_of(row.kind, rotor, sweep, acting)
     threshold = fit.threshold_speed()
     numbers = [fit.params[MASS[row.kind] if name == "M" else name] for name in OUTPUTS[:-1]]
@@ -611,6 +619,9 @@ def _rows() -> dict[str, Row]:
                 kind=kind, times={"flex[journal]": times}, out=("flex",)
             )
             rows[f"{kind}, foundation {times:g} % in the band"] = Row(kind=kind, foundation=times / 100)
+    rows["one mode, film of a short bearing"] = Row(film=True, extra={"film": 1.5})
+    rows["one mode, film of a short bearing, not listed"] = Row(film=True, extra={"film": 1.5}, out=("film",))
+    rows["one mode, at rest off the centre, listed"] = Row(rest=0.04, extra={"rest[journal]": 0.04})
     rows["one mode, damper 3 % told as known 0"] = Row(told={"Ds": 0.03})
     for factor in (0.0, 0.5, 1.0):
         rows[f"one mode, Ds fitted, all at {factor:g}"] = Row(factor=factor, free=("Ds",))

@@ -325,22 +325,21 @@ class Changing(OfValues):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Drifting(Act):
-    """A value that changes along a sweep; its size is the share from the middle of the sweep to its end."""
+class OfLines(Act):
+    """A value that is not the same on all lines, in which the dynamic stiffness is linear."""
 
     name: str
-    middle: float  # rad/s
-    half: float  # rad/s
 
-    def _along(self, base: Responses) -> Float:
-        return np.asarray((np.abs(base.frequency) - self.middle) / self.half)
+    def share(self, base: Responses, theta: Float) -> Float:
+        """Share by which it is off on each line by a unit of the size, shape ``(L,)``."""
+        raise NotImplementedError
 
     def stiffness(self, base: Responses, theta: Float, size: float) -> ComplexArray | None:
-        """See :class:`Act`; the dynamic stiffness is linear in the value."""
+        """See :class:`Act`."""
         without = theta.copy()
         without[:, base.model.parameter_names.index(self.name)] = 0.0
-        share = dynamic_stiffness(base, theta) - dynamic_stiffness(base, without)
-        return np.asarray((size * self._along(base))[:, None, None] * share)
+        own = dynamic_stiffness(base, theta) - dynamic_stiffness(base, without)
+        return np.asarray((size * self.share(base, theta))[:, None, None] * own)
 
     def change(self, motion: Motion) -> ComplexArray:
         """See :class:`Act`."""
@@ -348,8 +347,33 @@ class Drifting(Act):
         if base is None:
             return np.zeros(motion.block.measured.size, dtype=complex)
         place = base.model.parameter_names.index(self.name)
-        value = motion.values[base.reading_group, place] * self._along(base)[base.line]
+        value = motion.values[base.reading_group, place] * self.share(base, motion.values)[base.line]
         return np.asarray(motion.by_values[:, place] * value)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drifting(OfLines):
+    """A value that changes along a sweep; its size is the share from the middle of the sweep to its end."""
+
+    middle: float  # rad/s
+    half: float  # rad/s
+
+    def share(self, base: Responses, theta: Float) -> Float:
+        """See :class:`OfLines`."""
+        return np.asarray((np.abs(base.frequency) - self.middle) / self.half)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Film(OfLines):
+    """A film's value that grows with the square of the orbit over the clearance, ``Film.share`` being that square."""
+
+    at: int  # coordinate of the journal
+    clearance: float  # m
+
+    def share(self, base: Responses, theta: Float) -> Float:
+        """See :class:`OfLines`; orbits are those without it."""
+        z = np.einsum("lj,lj->l", inverse(dynamic_stiffness(base, theta))[:, self.at], base.force)
+        return np.asarray(np.abs(z / self.clearance) ** 2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -373,6 +397,21 @@ class Known(OfValues):
         """See :class:`Act`."""
         own = np.array([float(name == self.name) for name in model.parameter_names])
         return own if speed is None else np.asarray(np.ones_like(np.asarray(speed, dtype=float))[..., None] * own)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Resting(OfValues):
+    """A value of the fluid that is larger where the journal rests off the centre; what is fitted is then the centred
+    one, and the size is the square of the eccentricity."""
+
+    name: str
+    times: float  # share by which the value grows with the square of the eccentricity
+
+    def changed(self, model: RotorModel, speed: Float) -> tuple[Float, Float] | None:
+        """See :class:`Act`."""
+        own = np.array([name == self.name for name in model.parameter_names], dtype=float)
+        grown = np.tile(self.times * own, (speed.size, 1))
+        return grown, np.zeros_like(grown)
 
 
 # ---- places, labels, the clearance -----------------------------------------------------------------------------------

@@ -40,16 +40,17 @@ def standard_error(slope: Float, covar: Float) -> Float:
 
 
 def spreading(covar: Float) -> Float:
-    """Changes of an estimate, one a column, whose squares add up to a covariance, shape ``(p, p)``."""
-    power, basis = np.linalg.eigh(covar)
-    return np.asarray(basis * np.sqrt(np.maximum(power, 0.0)))
+    """Changes of an estimate, one a column, whose squares add up to a covariance, shape ``(p, p)``. Of entries in units
+    of their errors they are symmetric, so that draws do not hang on the signs of eigenvectors."""
+    size = np.sqrt(np.maximum(np.diag(covar), 0.0))
+    size = np.where(size > 0, size, 1.0)
+    power, basis = np.linalg.eigh(covar / np.outer(size, size))
+    return np.asarray(size[:, None] * ((basis * np.sqrt(np.maximum(power, 0.0))) @ basis.T))
 
 
 def spread_along(slope: Float, covar: Float) -> Float:
     """Changes of a result by independent numbers of unit variance, from a covariance of what it depends on."""
-    size = np.sqrt(np.maximum(np.diag(covar), 0.0))
-    size = np.where(size > 0, size, 1.0)
-    return np.asarray((slope * size) @ spreading(covar / np.outer(size, size)))
+    return np.asarray(slope @ spreading(covar))
 
 
 @cache

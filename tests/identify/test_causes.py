@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ CHAIN = {
 
 MODELS: dict[str, tuple[rf.models.RotorModel, dict[str, float], tuple[str, ...]]] = {
     "one mode": (rf.models.OneMode(), TYPICAL["one-mode"], ("K", "Ds")),
+    "one mode, clearance known": (rf.models.OneMode(clearance_um=5000.0), TYPICAL["one-mode"], ("K", "Ds")),
     "one mode, two ratios": (
         rf.models.OneMode(two_lam=True),
         {n: v for n, v in TYPICAL["one-mode"].items() if n != "lam"} | {"lam_D": 0.46, "lam_M": 0.44},
@@ -165,3 +167,57 @@ def test_a_cause_of_no_size_is_not_listed() -> None:
     names = [cause.name for cause in fit.settings.solved.causes]
     assert "damper[journal]" not in names
     assert {"gain", "lag", "phase"} <= set(names)
+
+
+def test_speeds_that_were_counted_are_known_better_than_labels() -> None:
+    model, truth = rf.models.OneMode(), TYPICAL["one-mode"]
+    test = circular_test(model, model.vector(truth), speeds=SPEEDS, frequency=W, noise=0.005, seed=1, sigma_known=True)
+    scatter = 1 + 1e-6 * np.random.default_rng(1).normal(size=len(test))
+    labels, counted = (
+        rf.fit(model, one, known={"K": truth["K"], "Ds": truth["Ds"]})
+        for one in (test, replace(test, speed=scatter * test.speed))
+    )
+    assert labels.causes["speed label"].size == pytest.approx(4 * counted.causes["speed label"].size)
+    shares = [abs(fit.threshold_speed().error.on_trust["speed label"]) for fit in (labels, counted)]
+    assert shares[0] == pytest.approx(4 * shares[1], rel=0.05)
+
+
+def test_supports_that_differ_in_two_directions_need_no_cause() -> None:
+    """Of a rig whose K is larger along x and smaller along y by a fifth, circular responses lack the second order
+    alone, and the pairs of probes name it. Equations of x + jy and its conjugate, and their roots, are written out."""
+    truth, share = TYPICAL["one-mode"], 0.2
+    M, K, Ds, K0, D, lam, Mf = (truth[name] for name in ("M", "K", "Ds", "K0", "D", "lam", "Mf"))
+
+    def polynomial(speed: float) -> np.ndarray:
+        turn = -1j * lam * speed
+        return np.array([M + Mf, Ds + D + 2 * Mf * turn, K + K0 + D * turn + Mf * turn**2])
+
+    rows: dict[str, list[np.ndarray]] = {name: [] for name in ("run", "speed", "frequency", "direction", "response")}
+    rng = np.random.default_rng(3)
+    for speed in SPEEDS:
+        for w in (W[W < 0], W[W > 0]):
+            one, other = np.polyval(polynomial(speed), 1j * w), np.polyval(polynomial(speed).conj(), 1j * w)
+            forward = other / (one * other - (share * K) ** 2)
+            backward = -share * K * forward / other  # conjugate of the part that turns the other way
+            x, y = forward + backward, (forward - backward) / 1j
+            for direction, z in (("x", x), ("y", y)):
+                noise = (
+                    0.005 * np.sqrt(np.mean(np.abs(z) ** 2)) * (rng.normal(size=w.size) + 1j * rng.normal(size=w.size))
+                )
+                read = np.where(w < 0, z.conj(), z) + noise
+                for name, own in zip(rows, (f"{speed} {w[0]}", speed, w, direction, read), strict=True):
+                    rows[name].append(np.broadcast_to(own, w.shape))
+    cells = {name: np.concatenate(parts) for name, parts in rows.items()}
+    test = rf.perturbation_test(force_plane="journal", plane="journal", force=1.0, **cells)
+    fit = rf.fit(rf.models.OneMode(), test, known={"K": K, "Ds": Ds})
+    assert "anisotropy" in {finding.code for finding in fit.findings}
+    for name in ("M", "K0", "D", "lam", "Mf"):
+        assert abs(fit.params[name].value - truth[name]) < fit.params[name].stderr, name
+
+    def grows(speed: float) -> bool:
+        one = polynomial(speed)
+        return bool(np.roots(np.polysub(np.polymul(one, one.conj()), [(share * K) ** 2])).real.max() > 0)
+
+    low, high = fit.threshold_speed().interval()
+    assert not grows(low)
+    assert grows(high)

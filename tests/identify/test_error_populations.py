@@ -93,10 +93,14 @@ def test_calibrated_gains_leave_the_damping_four_percent() -> None:
                 "phase reference 2 deg, forward",
                 "lag 3 deg",
                 "damper 3 % told as known 0",
+                "film of a short bearing",
+                "at rest off the centre, listed",
             )
         ],
         "one mode, phase reference 2 deg, forward",
         "one mode, damper 3 % told as known 0",
+        "one mode, film of a short bearing",
+        "one mode, at rest off the centre, listed",
     ),
 )
 def test_a_cause_that_no_test_of_the_kind_shows_is_in_the_interval(row: str) -> None:

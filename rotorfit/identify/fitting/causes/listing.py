@@ -18,6 +18,7 @@ from rotorfit.estimators.inference.causes import (
     Cause,
     Changing,
     Drifting,
+    Film,
     Flexible,
     Hysteresis,
     Known,
@@ -26,6 +27,7 @@ from rotorfit.estimators.inference.causes import (
     OfClearance,
     OffPlane,
     OfReadings,
+    Resting,
     SpeedLabel,
     Term,
 )
@@ -237,7 +239,8 @@ class _Rig:
         for plane in planes:
             act = OfReadings(how="curve", plane=plane)
             meaning = f"probes at {plane} that are not linear, share at the largest amplitude"
-            yield _cause(f"curve[{plane}]", meaning, act, SIZES["curve"])
+            usual = SIZES["curve[probe]" if self.model.clearance else "curve"]  # the film by its own cause, or a law
+            yield _cause(f"curve[{plane}]", meaning, act, usual)
             act = OfReadings(how="phase", plane=plane)
             yield _cause(f"lead[{plane}]", f"lead of the probes at {plane}", act, SIZES["lead"], unit="rad")
 
@@ -336,7 +339,10 @@ class _Rig:
         speeds = np.unique(np.abs(np.concatenate([b.set_speed for b in self.linear])))
         start_ups = all(once_per_turn(b.frequency, b.speed).all() for b in self.linear)
         if model.speed_dependent and speeds.any() and not start_ups:
-            yield _cause("speed label", "share by which all speeds are off", SpeedLabel(), SIZES["speed label"])
+            # Of labels all lines of a run have one; what differs from line to line was counted.
+            counted = not any(np.array_equal(b.speed, b.set_speed) for b in self.linear)
+            usual = SIZES["speed label[counted]" if counted else "speed label"]
+            yield _cause("speed label", "share by which all speeds are off", SpeedLabel(), usual)
         if not seats:
             return
         one_value = self.problem.space.index.shape[0] == 1 or (
@@ -365,6 +371,17 @@ class _Rig:
             drifting = Drifting(name=f"D{ending}", middle=middle, half=half)
             meaning = f"share by which D{ending} changes from the middle of a sweep to its end"
             yield _cause(f"drift{where}", meaning, drifting, SIZES["drift"])
+        if len(here) == 1:
+            plane, D = model.coordinates[here[0]].plane, f"D{ending}"
+            if model.clearance and not model.eccentricity_dependent:
+                act_film = Film(name=D, at=here[0], clearance=model.clearance)
+                meaning = f"growth of {D} by the square of the orbit over the clearance"
+                yield _cause(f"film{where}", meaning, act_film, SIZES["film"], positive=True)
+            meaning = (
+                f"square of the eccentricity at which the journal rests at {plane}, {D} being that of a centred one"
+            )
+            rest = Resting(name=D, times=3.0)  # of a short bearing
+            yield _cause(f"rest[{plane}]", meaning, rest, SIZES["rest"], positive=True)
         has_ratio = {f"lam{ending}", f"lam_D{ending}"} & names
         if {f"D{ending}", f"Mf{ending}"} <= names and has_ratio and f"Mf{ending}" in self.fitted:
             act_lag = Lag(entries=tuple((at, at, 1.0) for at in here), ending=ending)

@@ -43,6 +43,9 @@ NOUNS = {
     "speed[]": "change with speed of",
     "drift": "drift of D in a sweep",
     "drift[]": "drift of D in a sweep",
+    "film": "growth with the orbit",
+    "film[]": "growth with the orbit",
+    "rest[]": "rest off the centre",
     "lag": "lag of the fluid",
     "lag[]": "lag of the fluid",
     "probe[]": "probe off its plane",
@@ -101,6 +104,24 @@ SIZES = {
         source="j",
         remedy="check the probe's characteristic, or test with less motion",
     ),
+    "curve[probe]": Size(
+        size=0.003,
+        reason="linearity of a probe alone",
+        source="c",
+        remedy="check the probe's characteristic, or test with less motion",
+    ),
+    "film": Size(
+        size=1.5,
+        reason="a full film of a short bearing, (1 - (a/c)^2)^-1.5",
+        source="c",
+        remedy="test with less motion, or fit a law of eccentricity (law=, --law)",
+    ),
+    "rest": Size(
+        size=0.0,
+        reason="listed where it is given, for a centred journal",
+        source="j",
+        remedy="test with the journal centred",
+    ),
     "damper": Size(
         size=0.05, reason="damping ratio of rotors without fluid 2.5 %", source="m", remedy=f"{_RING_DOWN} (known=)"
     ),
@@ -136,6 +157,12 @@ SIZES = {
     ),
     "speed label": Size(
         size=0.002, reason="a speed of unknown origin", source="j", remedy="check the counter against a reference"
+    ),
+    "speed label[counted]": Size(
+        size=0.0005,
+        reason="speeds of single readings, as pulses are counted",
+        source="c",
+        remedy="check the counter against a reference",
     ),
     "mass": Size(size=0.005, reason="a mass that was weighed", source="j", remedy=_ERROR),
     "mass between": Size(
