@@ -25,7 +25,7 @@ COEFFICIENTS = tuple(f"{kind}{row}{column}" for kind in "KCM" for row in "xy" fo
 """Kxx, Kxy, ... Myy: Kxy is the force in x for a displacement in y."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class PlaneForce:
     """Coefficients of the force at a plane at one speed, ``F = K r + C r' + M r''`` with r = (x, y)."""
 

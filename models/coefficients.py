@@ -18,7 +18,7 @@ Symbolic = tuple[ca.SX, ca.SX, ca.SX, list[Complex], list[Complex]]
 """Symbols of the parameters, the speed and the eccentricity, coefficient matrices and probe factors."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class CoefficientJacobian:
     """Structurally nonzero derivatives of the coefficients, entry e being d C[power, row, column] / d input."""
 

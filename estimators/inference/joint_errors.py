@@ -28,7 +28,7 @@ _ON_TRUST = 0.5
 """Determined share of a cause below which its interval has the shape of what is known before the data. Chosen."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Shares:
     """Standard error of a result by its shares, which add up as squares; ``trust`` cause by cause."""
 

@@ -29,7 +29,7 @@ _BETWEEN = np.linspace(0.0, 1.0, 9)
 """Ratios between the neighbours of the best of them, as shares of the way on a logarithmic scale."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Shape:
     """Noise of one group of readings, ``sigma^2 = a^2 + b^2 |prediction|^2``."""
 

@@ -18,7 +18,7 @@ SPEEDS = 600  # speeds searched for an onset
 _SENSELESS = 1e-9  # share of a mode's motion up to which a whirl of it is round-off
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Threshold:
     """Onset of instability.
 

@@ -80,7 +80,7 @@ class Torsion:
     ct: Jet
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ShaftValues:
     """Values that the lines depend on: jets of one row, and arrays of shape ``(R,)``."""
 

@@ -135,3 +135,16 @@ def test_a_stepped_sine_that_starts_anew_at_each_line_says_the_same():
     for name, value in as_one.params.items():
         assert apart.params[name].value == pytest.approx(value.value, rel=1e-6, abs=1e-9)
         assert apart.params[name].stderr == pytest.approx(value.stderr, rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize(("lines", "said"), [(12, True), (120, False)])
+def test_lines_too_few_to_show_their_noise_are_said(lines: int, said: bool) -> None:
+    """Between six lines the response itself looks like noise, a hundred times as large; errors follow the residuals."""
+    model = OneMode()
+    theta = model.vector(TYPICAL["one-mode"])
+    w = covering_frequencies(model, theta, (100.0, 180.0), lines)
+    test = circular_test(model, theta, speeds=(100.0, 180.0), frequency=w, noise=0.001, seed=3)
+    one_probe = test.select(test.direction == "x")  # of two, the wrong direction shows the noise
+    fit = rf.fit(model, one_probe, known={"K": TYPICAL["one-mode"]["K"], "Ds": TYPICAL["one-mode"]["Ds"]})
+    assert any("the lines are too few to tell noise" in words for words in fit.warnings) is said
+    assert abs(fit.params["D"].value - TYPICAL["one-mode"]["D"]) < 4 * fit.params["D"].stderr

@@ -13,7 +13,7 @@ from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.digits import significant
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ChannelFilter:
     """A family of filters with one value."""
 

@@ -48,7 +48,7 @@ MOST_PLANES = 4
 """Planes that are looked at one by one. Chosen: an experiment with an error has few."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Explanation:
     """An error of the data that was undone in a trial fit."""
 
@@ -154,7 +154,7 @@ def readings_of(problem: Problem) -> Readings | None:
 _MOST_GROUPS, _MOST_SPEEDS = 40, 8  # groups looked at, and speeds that are few enough to be sessions
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class _Group:
     """Readings that may have a factor of their own."""
 

@@ -26,7 +26,7 @@ _APART = 3.0  # standard errors by which two solutions differ at least
 _MOST = 200  # candidates that are tried
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class OtherSolution:
     """A solution that the data hold as well.
 

@@ -66,7 +66,7 @@ class BudgetRow:
         return quantile(0.95, self.freedom)
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Budget(Tabled):
     """Budget of a fit.
 

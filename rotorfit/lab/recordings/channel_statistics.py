@@ -104,7 +104,7 @@ def _stretches(true: Bool) -> Index:
     return np.flatnonzero(np.diff(np.concatenate([[False], true, [False]]).astype(np.int8))).reshape(-1, 2)
 
 
-@dataclass(kw_only=True)
+@dataclass(kw_only=True, eq=False)
 class _Quiet:
     """Where a channel stands still: windows in which it moves by less than a count, and stretches of equal samples, as
     a card or a network leaves them that lost some and repeats the last one."""

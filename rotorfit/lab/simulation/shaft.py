@@ -67,7 +67,7 @@ def _motor(speed: float | RunUp) -> RunUp:
     return speed if isinstance(speed, RunUp) else RunUp(first=speed, last=speed, duration=1.0)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ShaftMotion:
     """Motion of the shaft in time."""
 

@@ -68,6 +68,9 @@ class Design:
     change_s: float = 0.0
 
     def __post_init__(self) -> None:
+        for name in ("speed_rpm", "frequency_rpm", "speed", "frequency", "frequency_hz"):
+            value = getattr(self, name)  # lists compare as a whole
+            object.__setattr__(self, name, value.tolist() if isinstance(value, np.ndarray) else value)
         for name in ("force_N", "mr_g_mm", "clearance_share", "clearance_um", "average_s", "sweep_rpm_per_s"):
             value = getattr(self, name)
             if value is not None and not (isinstance(value, int | float) and 0 < value < math.inf):

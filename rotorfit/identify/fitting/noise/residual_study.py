@@ -242,6 +242,13 @@ def verdict_warning(verdict: NoiseVerdict, redchi: float, correlation: float, ca
             f"{yet} readings scatter more than was estimated from the data alone, {cause}. Weights and errors follow "
             "the scatter of the residuals"
         ]
+    coarse_redchi = 0.01  # redchi below which what was taken for noise is the response between lines. Chosen
+    if verdict is NoiseVerdict.SHAPED and redchi < coarse_redchi:
+        return [
+            f"redchi is {significant(redchi, 2)}: the lines are too few to tell noise from the response before a fit. "
+            "Weights and errors follow the scatter of the residuals, which few lines hardly show; give the noise of "
+            "the readings (sigma_um), or more lines"
+        ]
     if verdict is NoiseVerdict.LARGER:
         return [
             f"{yet} the noise is larger than given, and standard errors are widened accordingly. Without sigma_um or "

@@ -37,7 +37,7 @@ MOTION = units_of("displacement", "tilt")
 READING = MOTION | units_of("velocity", "acceleration")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Table:
     """Cells of a CSV file."""
 
