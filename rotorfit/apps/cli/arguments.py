@@ -139,6 +139,7 @@ def add_selection(to: argparse._ActionsContainer) -> None:
     rows = "readings by run, speed_rpm, frequency_hz, plane or a column of the file: a value or a range LO:HI"
     option(to, "--where NAME=VALUE ...", f"keep only {rows}; repeat it for a further value")
     option(to, "--exclude NAME=VALUE ...", f"leave out {rows}")
+    option(to, "--casing PLANE=CASING ...", "plane of sensors on the casing beside a probe: readings become absolute")
     option(to, "--stator PLANE=KG", "plane of accelerometers on a floating stator, its mass: forces are F - M a")
 
 
@@ -286,6 +287,8 @@ def _named(option: str, words: Sequence[str]) -> dict[str, str]:
 def selection(options: argparse.Namespace) -> dict[str, Any]:
     """Readings that were chosen, as options of reading."""
     found = {"where": _chosen("--where", options.where), "exclude": _chosen("--exclude", options.exclude)}
+    if options.casing:
+        found["casing"] = pairs("--casing", options.casing, str)
     if options.stator:
         found["stator"] = pairs("--stator", [options.stator], float)
     return {name: values for name, values in found.items() if values}

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from rotorfit.base.array_types import Index
 from rotorfit.base.executors import carry_out
+from rotorfit.lab.data.casing import with_casing
 from rotorfit.lab.data.findings import DataWarning, Finding, errors_first
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.selection import Wanted, selected, without
@@ -69,6 +70,7 @@ class RecordingFiles:
     windows: int | None = None  # track by windows of so many whole turns, see ``turns`` of :func:`rotorfit.responses`
     where: Mapping[str, Wanted] = field(default_factory=dict)  # vectors to keep, see :func:`rotorfit.read`
     exclude: Mapping[str, Wanted] = field(default_factory=dict)  # vectors to leave out
+    casing: Mapping[str, str] = field(default_factory=dict)  # see :func:`rotorfit.read`
     stator: Mapping[str, float] = field(default_factory=dict)  # see :func:`rotorfit.read`
     operating: bool = False  # reduce them to spectra of a machine in operation
     lines: bool = False  # reduce them to the combination lines of a shaft that is not round
@@ -110,7 +112,8 @@ class RecordingFiles:
 
     def _chosen(self, tests: tuple[Experiment, ...]) -> tuple[Experiment, ...]:
         """The vectors that are wanted."""
-        kept = (selected(test, where=self.where, exclude=self.exclude) for test in tests)
+        chosen = (selected(test, where=self.where, exclude=self.exclude) for test in tests)
+        kept = (with_casing(test, self.casing) for test in chosen)
         return _without(tuple(without_stator(test, self.stator) for test in kept), self.skip)
 
 

@@ -144,7 +144,7 @@ def _read_with(file: DataFile | RecordingFiles) -> dict[str, Any]:
     """Options that a file was read with, by name."""
     if isinstance(file, DataFile):
         return dict(file.options)
-    return {name: value for name in ("where", "exclude", "stator") if (value := getattr(file, name))}
+    return {name: value for name in ("where", "exclude", "casing", "stator") if (value := getattr(file, name))}
 
 
 def _write_csv(path: Path, rows: Iterable[Sequence[Any]]) -> None:

@@ -62,8 +62,8 @@ def identify(
     if study.baseline:  # read as the first test file is
         first = next((file for file in study.files if isinstance(file, DataFile)), DataFile(Path()))
         options = {name: value for name, value in first.options.items() if name not in ("where", "exclude")}
-        recorded = next((file.stator for file in study.files if isinstance(file, RecordingFiles)), {})
-        options |= {"stator": recorded} if recorded else {}
+        recorded = [file for file in study.files if isinstance(file, RecordingFiles)][:1]
+        options |= {name: value for f in recorded for name in ("casing", "stator") if (value := getattr(f, name))}
         baseline = DataFile(Path(study.baseline), options).read(progress=progress)
     ranking, known = None, study.known
     if study.laws:

@@ -169,6 +169,7 @@ _READ_KEYS: dict[str, tuple[str, Parser]] = {
     "where": ("where", _selection),
     "exclude": ("exclude", _selection),
     "drop_near_1x": ("drop_near_1x", number),
+    "casing": ("casing", table(text)),
     "stator": ("stator", table(number)),
     "skip": ("skip", _numbers),
 }
@@ -196,6 +197,7 @@ _RECORDED_KEYS: dict[str, tuple[str, Parser]] = {
     "windows": ("windows", count),
     "where": ("where", _selection),
     "exclude": ("exclude", _selection),
+    "casing": ("casing", table(text)),
     "stator": ("stator", table(number)),
     "skip": ("skip", _numbers),
 }

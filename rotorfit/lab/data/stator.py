@@ -66,7 +66,8 @@ _Line = tuple[str, float, float]
 """Run, speed and frequency."""
 
 
-def _lines(test: PerturbationTest) -> list[_Line]:
+def lines_of(test: PerturbationTest) -> list[_Line]:
+    """Run, speed and frequency of each reading."""
     return list(zip(test.run.tolist(), test.speed.tolist(), test.frequency.tolist(), strict=True))
 
 
@@ -75,7 +76,7 @@ def _by_line(test: PerturbationTest) -> tuple[dict[_Line, dict[str, complex]], d
     motion: dict[_Line, dict[str, complex]] = {}
     sigma: dict[_Line, float] = {}
     for line, axis, z, error in zip(
-        _lines(test), test.direction.tolist(), test.response.tolist(), test.sigma.tolist(), strict=True
+        lines_of(test), test.direction.tolist(), test.response.tolist(), test.sigma.tolist(), strict=True
     ):
         motion.setdefault(line, {})[axis] = z
         sigma[line] = max(sigma.get(line, 0.0), 0.0 if math.isnan(error) else error)
@@ -87,7 +88,7 @@ def _with_inertia(
 ) -> PerturbationTest:
     """F - M a of each row, a = -w^2 z."""
     own, further = test.force.copy(), []
-    for row, line in enumerate(_lines(test)):
+    for row, line in enumerate(lines_of(test)):
         if line not in motion:
             raise ValueError(
                 f"{test.source or 'the test'}: reading {row + 1}: no accelerometer was read in run {line[0]} at "
@@ -99,7 +100,7 @@ def _with_inertia(
             forces[axis] = forces.get(axis, 0j) + mass * line[2] ** 2 * z
         own[row] = forces.pop(along)
         further.append(tuple((at, force, axis) for axis, force in forces.items()))
-    noise = mass * test.frequency**2 * np.array([sigma[line] for line in _lines(test)])
+    noise = mass * test.frequency**2 * np.array([sigma[line] for line in lines_of(test)])
     said = {FORCE_SIGMA: np.hypot(test.force_sigma, noise), STATOR_MASS: np.full(len(test), mass)}
     attributes = {**test.attributes, **said}
     return replace(test, force=own, further_forces=records(further), attributes=attributes)
@@ -109,7 +110,7 @@ def _of_rotor(
     test: PerturbationTest, motion: Mapping[_Line, Mapping[str, complex]], sigma: Mapping[_Line, float], plane: str
 ) -> list[Finding]:
     """Whether accelerometers and probes at the forces show one motion, or the rotor moves too."""
-    lines = _lines(test)
+    lines = lines_of(test)
     there = [k for k, line in enumerate(lines) if str(test.direction[k]) in motion.get(line, {})]
     stator = np.array([motion[lines[k]][str(test.direction[k])] for k in there])
     probes: ComplexArray = test.response[there]

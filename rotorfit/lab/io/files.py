@@ -17,6 +17,7 @@ from rotorfit.base.file_reading import reading
 from rotorfit.base.units import RAD_S_PER_RPM, in_rad_s
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
 from rotorfit.estimators.misfit.parameter_space import LARGEST
+from rotorfit.lab.data.casing import with_casing
 from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.findings import Finding, listed, warn_of
 from rotorfit.lab.data.probes import (
@@ -68,6 +69,7 @@ class ReadKeywords(TypedDict, total=False):
     where: Mapping[str, Wanted] | None
     exclude: Mapping[str, Wanted] | None
     drop_near_1x: float
+    casing: Mapping[str, str] | None
     stator: Mapping[str, float] | None
     skip: Sequence[int]
     on_lines: Callable[[Index], None] | None
@@ -93,6 +95,7 @@ def read(
     where: Mapping[str, Wanted] | None = None,
     exclude: Mapping[str, Wanted] | None = None,
     drop_near_1x: float = 0.0,
+    casing: Mapping[str, str] | None = None,
     stator: Mapping[str, float] | None = None,
     skip: Sequence[int] = (),
     on_lines: Callable[[Index], None] | None = None,
@@ -126,6 +129,8 @@ def read(
         constants: columns that a table does not have, with one value throughout, ``{"force_plane": "journal"}``.
         axes: which directions of a universal file are x and y; ``"yz"`` for a shaft along its x axis.
         where, exclude, drop_near_1x: readings to keep, :func:`rotorfit.lab.data.selection.selected`.
+        casing: plane of the sensors on a casing by plane of the rotor whose probes it holds,
+            ``{"journal": "housing"}``: readings become absolute, relative motion plus that of the casing.
         stator: plane of accelerometers on a floating stator and its mass, kg, ``{"housing": 13.6}``: forces become
             F - M a.
         skip: numbers of readings to leave out, counted from 1 in the test as it is read without this option.
@@ -161,6 +166,7 @@ def read(
     whole = len(test)
     test = selected(test, where=where, exclude=exclude, drop_near_1x=drop_near_1x)
     left_out = whole - len(test)
+    moved: dict[str, Any] = {"casing": casing, "stator": stator}
     corrections: dict[str, Any] = {
         "gains": gains,
         "delays": delays,
@@ -179,8 +185,8 @@ def read(
                 )
                 apart = replace(apart, findings=(*apart.findings, Finding("warning", "uneven-weights", words)))
             test = apart
-        test = without_stator(test, stator)
-    elif given := [name for name, value in {**corrections, "stator": stator}.items() if value is not None]:
+        test = without_stator(with_casing(test, casing), stator)
+    elif given := [name for name, value in {**corrections, **moved}.items() if value is not None]:
         raise ValueError(f"{', '.join(given)} correct probe readings; {test.source} is a {type(test).__name__}")
     warn_of(test.findings)
     found = without(test, skip)

@@ -17,6 +17,7 @@ import numpy as np
 
 from rotorfit.base.executors import carry_out
 from rotorfit.base.units import RPM_PER_RAD_S
+from rotorfit.lab.data.casing import with_casing
 from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.findings import PHASE_DATUM, Finding, listed, warn_of
 from rotorfit.lab.data.rows import Experiment
@@ -45,6 +46,7 @@ def responses(
     *,
     turns: int | None = None,
     where: Mapping[str, Wanted] | None = None,
+    casing: Mapping[str, str] | None = None,
     stator: Mapping[str, float] | None = None,
     executor: Executor | None = None,
     progress: Callable[[str], None] | None = None,
@@ -64,6 +66,7 @@ def responses(
         turns: track by windows of so many whole turns of the drive instead; for slow sweeps and rotors that are not
             linear. A sweep makes such vectors lag behind.
         where: responses to keep, ``{"frequency_hz": (60, 240)}``, as of :func:`rotorfit.read`.
+        casing: plane of the sensors on a casing by plane of the rotor, as of :func:`rotorfit.read`.
         stator: plane of accelerometers on a floating stator and its mass, as of :func:`rotorfit.read`.
         executor: any ``concurrent.futures`` executor, also Dask's ``client.get_executor(pure=False)``, that reduces
             recordings beside each other; by default one after the other in this process. What a lost worker had is done
@@ -87,7 +90,7 @@ def responses(
     """
     test = checked_responses(named_apart(records), turns=turns, executor=executor, progress=progress)
     warn_of(found for found in test.findings if found.severity == "error")
-    found = without_stator(selected(test, where=where), stator)
+    found = without_stator(with_casing(selected(test, where=where), casing), stator)
     _LOG.info("reduced %r", found)
     return found
 
