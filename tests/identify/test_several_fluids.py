@@ -71,6 +71,25 @@ def test_intervals_of_both_fluids_hold() -> None:
     assert np.mean(inside, axis=0).min() > 0.95 - 3.5 * np.sqrt(0.95 * 0.05 / draws)
 
 
+@pytest.mark.parametrize("known_shaft", [True, pytest.param(False, marks=pytest.mark.slow)])
+def test_intervals_hold_where_the_disk_has_no_probe(known_shaft: bool) -> None:
+    """Readings at two planes alone, of the chain and of the shaft whose matrices are known."""
+    model, names = chain(), [*TRUTH]
+    if known_shaft:
+        names = [name for name in TRUTH if "_" in name]
+        K = np.array([[2e5, -2e5, 0.0], [-2e5, 3.5e5, -1.5e5], [0.0, -1.5e5, 1.5e5]])
+        planes = dict(zip(PLANES, range(3), strict=True))
+        M, C = np.diag([1.0, 4.0, 1.5]), np.diag([0.0, 30.0, 0.0])
+        model = KnownStructure(M, C, None, K, planes=planes, fluid=("bearing", "seal"), dofs=("z",))
+    draws, inside = 60 if not known_shaft else 30, []
+    for seed in range(draws):
+        read = [test.select(test.plane != "disk") for test in sweeps(seed)]
+        fit = rf.fit(model, read, known={} if known_shaft else KNOWN, causes=None)
+        assert 0.8 < fit.redchi < 1.2
+        inside.append([low < TRUTH[name] < high for name in names for low, high in [fit.interval(name)]])
+    assert 0.95 - 3.5 * np.sqrt(0.95 * 0.05 / draws / 2) < np.mean(inside) < 0.99  # of values that go together
+
+
 def test_each_fluid_has_its_causes() -> None:
     fit = rf.fit(chain(), sweeps(1), known=KNOWN)
     names = {row.name for row in fit.causes}
