@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -62,6 +63,24 @@ def test_help_shows_the_options_of_every_day_first(run: Run, name: str) -> None:
     assert code == 0
     assert shown == {"--help-all", *(f"--{option}" for option in DAILY[name])}
     assert len(short.splitlines()) < len(whole.splitlines()) / 2
+
+
+@pytest.mark.parametrize("name", sorted(set(COMMANDS) - {"completion", "open", "store", "template"}))
+def test_every_command_that_prints_a_table_gives_it_as_json(name: str) -> None:
+    words = EXAMPLES[name].splitlines()[0].partition(" > ")[0].split()
+    assert build_parser([name]).parse_args([*words, "--json"]).json
+
+
+def test_what_a_file_that_was_written_holds_is_there_as_json(run: Run, tmp_path: Path) -> None:
+    first, both = tmp_path / "first.csv", tmp_path / "both.csv"
+    (tmp_path / "virtual.toml").write_text(run("template", "simulation")[1])
+    code, made, _ = run("simulate", tmp_path / "virtual.toml", "--out", first, "--quiet", "--json")
+    joined = run("join", first, "--out", both, "--json")
+    assert (code, joined[0]) == (0, 0)
+    assert json.loads(made) == {**json.loads(joined[1]), "source": "first.csv"}
+    assert [json.loads(made)] == json.loads(run("info", first, "--json")[1])
+    code, out, _ = run("vectors", rf.datasets.path("volts_disk-fwd.h5"), "--out", tmp_path / "v.csv", "--json")
+    assert (code, json.loads(out)["planes"]) == (0, ["disk", "journal"])
 
 
 def test_tables_are_there_as_json(run: Run) -> None:

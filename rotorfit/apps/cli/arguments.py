@@ -24,6 +24,7 @@ from rotorfit.lab.recordings.formats.files import ALWAYS_RAW
 from rotorfit.models import KnownStructure
 
 WRITTEN = "file to write (.csv .uff .nc .mat)"
+WRITTEN_JSON = "print what was written as JSON instead of text"
 
 
 def option(

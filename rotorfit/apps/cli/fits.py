@@ -31,9 +31,9 @@ from rotorfit.apps.study_files.results import outcome_values, write_outcome
 from rotorfit.apps.study_files.run import run_study
 from rotorfit.apps.study_files.study import Study
 from rotorfit.apps.study_files.study_file import read_study
-from rotorfit.apps.study_files.text import describe_test, summary
+from rotorfit.apps.study_files.text import describe_test, summary, test_values
 from rotorfit.apps.study_files.wording import sentence
-from rotorfit.base.units import RPM_PER_RAD_S, shown_in
+from rotorfit.base.units import shown_in
 from rotorfit.show.report.interactive import check_interactive
 
 
@@ -131,19 +131,7 @@ def info(options: argparse.Namespace) -> Answer:
         tests = read_files(data_files(options), progress)
     wrong = any(finding.severity == "error" for findings in tests[1] for finding in findings)
     text = "\n\n".join(describe_test(test, findings) for test, findings in zip(*tests, strict=True))
-    found = [
-        {
-            "source": test.source,
-            "kind": test.kind,
-            "readings": len(test),
-            "runs": test.runs,
-            "planes": test.planes,
-            "speed_rpm": sorted({round(v, 3) for v in (test.set_speed * RPM_PER_RAD_S).tolist()}),
-            "findings": [{"severity": f.severity, "code": f.code, "message": f.message} for f in findings],
-        }
-        for test, findings in zip(*tests, strict=True)
-    ]
-    return Answer(text=text, plain=lambda: found, good=not wrong)
+    return Answer(text=text, plain=lambda: list(map(test_values, *tests)), good=not wrong)
 
 
 def add_open(to: argparse.ArgumentParser) -> None:

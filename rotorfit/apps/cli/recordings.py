@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from rotorfit.apps.cli.answer import Answer, BadInputError, ProgressLine, answered, progress_line, sentences
 from rotorfit.apps.cli.arguments import (
     WRITTEN,
+    WRITTEN_JSON,
     add_jobs,
     add_paths,
     add_selection,
@@ -24,7 +25,7 @@ from rotorfit.apps.cli.arguments import (
 from rotorfit.apps.cli.lists import RECORDING
 from rotorfit.apps.study_files.data_files import RecordingFiles, read_files
 from rotorfit.apps.study_files.folder import complete_folder
-from rotorfit.apps.study_files.text import describe_test
+from rotorfit.apps.study_files.text import describe_test, finding_values, test_values
 from rotorfit.base.atomic_file import file_name
 from rotorfit.base.units import RAD_S_PER_RPM
 from rotorfit.identify.options.kinds import positive_word
@@ -45,6 +46,7 @@ def add_vectors(to: argparse.ArgumentParser) -> None:
     add_selection(to)
     option(to, "--out FILE", WRITTEN, Path, required=True)
     add_jobs(to, "reduce recordings")
+    option(to, "--json", WRITTEN_JSON)
     option(to, "--quiet", "print neither progress nor findings")
 
 
@@ -63,6 +65,7 @@ def vectors(options: argparse.Namespace) -> Answer:
     write(test, options.out)
     return Answer(
         text=describe_test(test, findings),
+        plain=lambda: test_values(test, findings),
         warned=sentences([findings], [test.source or test.title]),
         good=not any(finding.severity == "error" for finding in findings),
     )
@@ -113,7 +116,7 @@ def look(options: argparse.Namespace) -> Answer:
                 "name": record.name,
                 "duration_s": record.duration,
                 "planes": record.planes,
-                "findings": [{"severity": f.severity, "code": f.code, "message": f.message} for f in record.findings],
+                "findings": finding_values(record.findings),
             }
             for record in records
         ],

@@ -6,9 +6,9 @@ import argparse
 from pathlib import Path
 
 from rotorfit.apps.cli.answer import Answer, answered
-from rotorfit.apps.cli.arguments import WRITTEN, option
+from rotorfit.apps.cli.arguments import WRITTEN, WRITTEN_JSON, option
 from rotorfit.apps.study_files.folder import complete_folder
-from rotorfit.apps.study_files.text import describe_test
+from rotorfit.apps.study_files.text import describe_test, test_values
 from rotorfit.apps.study_files.virtual_test import read_virtual_test
 from rotorfit.identify.diagnosis.check import check
 from rotorfit.lab.io.files import check_target, read, write
@@ -25,6 +25,7 @@ def add_simulate(to: argparse.ArgumentParser) -> None:
     where = to.add_mutually_exclusive_group(required=True)
     option(where, "--out FILE", WRITTEN, Path)
     option(where, "--recordings DIR", "folder for raw signals in volts, in HDF5, and their rig.toml", Path)
+    option(to, "--json", WRITTEN_JSON)
     option(to, "--quiet", "do not say what was written")
 
 
@@ -41,10 +42,11 @@ def _written(options: argparse.Namespace) -> Answer:
     """A file of vectors, described as any test file is."""
     check_target(options.out)  # before the simulation, which may take long
     write(simulated(**read_virtual_test(options.test, SIMULATED)), options.out)
-    if options.quiet:
+    if options.quiet and not options.json:
         return Answer(text="")
     test = read(options.out)
-    return Answer(text=describe_test(test, check(test)))
+    findings = check(test)
+    return Answer(text=describe_test(test, findings), plain=lambda: test_values(test, findings))
 
 
 def _recorded(options: argparse.Namespace) -> Answer:
@@ -52,4 +54,5 @@ def _recorded(options: argparse.Namespace) -> Answer:
     settings = read_virtual_test(options.test, RECORDED)
     with complete_folder(options.recordings) as folder:
         names = [file.name for file in simulate_recordings(folder=folder, **settings)]
-    return Answer(text="\n".join(f"written: {options.recordings / name}" for name in names))
+    files = [str(options.recordings / name) for name in names]
+    return Answer(text="\n".join(f"written: {file}" for file in files), plain=lambda: {"written": files})

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from rotorfit.apps.cli.answer import Answer, answered, sentences
-from rotorfit.apps.cli.arguments import WRITTEN, add_files, add_output, data_files, option
+from rotorfit.apps.cli.arguments import WRITTEN, WRITTEN_JSON, add_files, add_output, data_files, option
 from rotorfit.apps.study_files.data_files import DataFile, no_progress, read_files
-from rotorfit.apps.study_files.text import describe_test
+from rotorfit.apps.study_files.text import describe_test, test_values
 from rotorfit.base.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 from rotorfit.identify.diagnosis.check import check
 from rotorfit.identify.options.kinds import number_word, pairs
@@ -31,6 +31,7 @@ def add_join(to: argparse.ArgumentParser) -> None:
     """Options of ``rotorfit join``."""
     add_files(to)
     option(to, "--out FILE", WRITTEN, Path, required=True)
+    option(to, "--json", WRITTEN_JSON)
     option(to, "--quiet", "do not say what the file holds")
 
 
@@ -40,7 +41,11 @@ def join(options: argparse.Namespace) -> Answer:
     check_target(options.out)
     write(_joined_runs(options), options.out)
     (whole,), (findings,) = read_files([DataFile(options.out)], no_progress)
-    return Answer(text=describe_test(whole, findings), warned=sentences([findings], [whole.source]))
+    return Answer(
+        text=describe_test(whole, findings),
+        plain=lambda: test_values(whole, findings),
+        warned=sentences([findings], [whole.source]),
+    )
 
 
 def _joined_runs(options: argparse.Namespace) -> PerturbationTest:

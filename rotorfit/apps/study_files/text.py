@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -47,6 +48,24 @@ def summary(outcome: Outcome, rig: str = "") -> str:
     if rig:
         parts.append(_truth_table(outcome, rig))
     return "\n\n".join(parts)
+
+
+def test_values(test: Experiment, findings: Sequence[Finding]) -> dict[str, Any]:
+    """What :func:`describe_test` says, for JSON."""
+    return {
+        "source": test.source,
+        "kind": test.kind,
+        "readings": len(test),
+        "runs": test.runs,
+        "planes": test.planes,
+        "speed_rpm": sorted({round(v, 3) for v in (test.set_speed * RPM_PER_RAD_S).tolist()}),
+        "findings": finding_values(findings),
+    }
+
+
+def finding_values(findings: Sequence[Finding]) -> list[dict[str, str]]:
+    """Findings for JSON."""
+    return [{"severity": one.severity, "code": one.code, "message": one.message} for one in findings]
 
 
 def describe_test(test: Experiment, findings: Sequence[Finding]) -> str:
