@@ -43,7 +43,7 @@ def angular_rate(value: Any, name: str = "speed", unit: str = "rad/s", *, positi
 
 def angular_rates(values: Any, name: str = "speed", unit: str = "rad/s") -> Float:
     """Rotative speeds or frequencies, one or several, signed; the shape stays."""
-    allowed = f"finite numbers in {unit}, one or more, up to {HIGHEST_RATE:g} in size"
+    allowed = f"one or more finite numbers in {unit}, up to {HIGHEST_RATE:g} in size"
     array = real_numbers(values, name, allowed)
     if not array.size:
         raise ValueError(f"{name} is empty; it must be {allowed}")

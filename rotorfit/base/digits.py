@@ -92,3 +92,8 @@ def interval(low: float, high: float) -> str:
     exponent = _exponent(max(abs(low), abs(high)))
     tail, scale = (f"e{exponent}", 10.0**exponent) if exponent else ("", 1.0)
     return f"[{_decimal(low / scale, width / scale)}{tail}, {_decimal(high / scale, width / scale)}{tail}]"
+
+
+def counted(count: int, noun: str) -> str:
+    """A number with its noun: ``1 reading``, ``4 readings``."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

@@ -55,7 +55,7 @@ def carry_out(
         if not left or sent.stalled:
             break
     if left and executor is not None:
-        warnings.warn(f"{len(left)} of {len(items)} pieces of work are done here: {sent.reason}", stacklevel=2)
+        warnings.warn(f"{len(left)} of {len(items)} pieces of work done here: {sent.reason}", stacklevel=2)
     for number in left:
         results[number] = work(items[number])
         done(items[number], results[number])

@@ -302,7 +302,7 @@ def test_binary_junk(run: Callable[..., str], tmp_path: Path, suffix: str, conte
         ("fit rig.csv --model two-disk", "rig.csv has planes journal"),
         ("fit rig.csv --model one-mode --speed 1000", "speed is an option of universal files"),
         ("fit rig.csv --model one-mode --slow-roll-below 300", "slow roll can only be taken"),
-        ("info rig.csv --probe-angles journal=45:135", "no partner"),
+        ("info rig.csv --probe-angles journal=45:135", "without a partner"),
         ("models one-mod", "did you mean 'one-mode'"),
         ("fit rig.csv --model one-mode --drop-near-1x 500", "--drop-near-1x is per cent of the speed, from 0"),
         (
@@ -313,7 +313,7 @@ def test_binary_junk(run: Callable[..., str], tmp_path: Path, suffix: str, conte
             "fit rig.csv --model one-mode --law muszynska",
             "radial clearance in micrometres (clearance_um=, --clearance-um)",
         ),
-        ("fit rig.csv --model two-disk --known K1=1", "Map names (planes=, --planes)"),
+        ("fit rig.csv --model two-disk --known K1=1", "map names (planes=, --planes)"),
         (
             "fit two.csv --model one-mode --known K=0,Ds=0",
             "(where=, --where plane=A --where force_plane=A)",

@@ -232,7 +232,9 @@ def test_a_file_given_twice_is_warned_of(tmp_path, capsys, small):
     study = toml_file(tmp_path / "study.toml", model="one-mode", known=KNOWN, files=["seal.csv", "seal.csv"])
     words = ["campaign", str(study), "--against", "pressure_psi"]
     assert main(words) == 0
-    warned = "warning: seal.csv: Copies of runs: to the last digit r00 is r00 of seal.csv, r01 is r01 of seal.csv"
+    warned = (
+        "warning: seal.csv: Copies of runs, to the last digit: r00 repeats r00 of seal.csv, r01 repeats r01 of seal.csv"
+    )
     assert warned in capsys.readouterr().out
     assert main([*words, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["warnings"][0].startswith(warned)

@@ -48,5 +48,5 @@ def test_a_part_that_cannot_be_read_is_one_sentence(name, text, said, parts, stu
 def test_a_copy_in_another_part_is_named(parts, study, tmp_path, run):
     (tmp_path / "again.nc").write_bytes(Path(parts[0]).read_bytes())
     said = [run("campaign", study, parts[0], tmp_path / "again.nc", *lazy)[1] for lazy in ([], ["--lazy"])]
-    assert "Copies of runs: to the last digit r00 is r00 of a.nc" in said[0]
-    assert "Copies of runs: to the last digit r00 is r00 of a.nc" in said[1]
+    assert "Copies of runs, to the last digit: r00 repeats r00 of a.nc" in said[0]
+    assert "Copies of runs, to the last digit: r00 repeats r00 of a.nc" in said[1]

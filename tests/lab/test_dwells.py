@@ -85,7 +85,7 @@ def test_recordings_whose_worker_was_lost_are_reduced_again(
     stepped: list[rf.Recording], test_of_dwells: rf.PerturbationTest, losses: int
 ) -> None:
     pool = Unreliable(losses)
-    said = nullcontext() if losses == 2 else pytest.warns(UserWarning, match="4 of 4 pieces of work are done here")
+    said = nullcontext() if losses == 2 else pytest.warns(UserWarning, match="4 of 4 pieces of work done here")
     with said:
         again = rf.responses(stepped, executor=pool)
     assert pool.attempts == (4 + 2 if losses == 2 else 3 * 4)

@@ -92,7 +92,7 @@ def test_a_killed_process_loses_no_run(small, monkeypatch):
             for process in list((pool._processes or {}).values()):
                 process.kill()
 
-        with pytest.warns(UserWarning, match="of 20 pieces of work are done here"):
+        with pytest.warns(UserWarning, match="of 20 pieces of work done here"):
             found = rf.campaign(OneMode(), thin, known=KNOWN, executor=pool, progress=kill_once)
     same_fits(found, rf.campaign(OneMode(), thin, known=KNOWN))
 
@@ -116,7 +116,7 @@ class Unreliable(Executor):
 @pytest.mark.parametrize("losses", [2, 1000])
 def test_lost_batches_are_sent_again_and_done_here_in_the_end(small, fitted, losses):
     pool = Unreliable(losses)
-    words = "3 of 3 pieces of work are done here: worker lost"
+    words = "3 of 3 pieces of work done here: worker lost"
     with pytest.warns(UserWarning, match=words) if losses > 2 else nullcontext():
         same_fits(rf.campaign(OneMode(), small[0], known=KNOWN, executor=pool), fitted)
     assert pool.attempts == (3 + 2 if losses == 2 else 3 * 3)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rotorfit.base.digits import significant
+from rotorfit.base.digits import counted, significant
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.blocks.row_keys import rows_by
 from rotorfit.estimators.signals.ring_down import fit_ramp
@@ -68,7 +68,8 @@ def _units(test: Experiment) -> Iterator[Finding]:
         text = (
             f"The frequencies are low: {significant(highest * RPM_PER_RAD_S, 4)} rpm at the most, at speeds up to "
             f"{significant(fastest * RPM_PER_RAD_S, 4)} rpm. If one of the two is in Hz or rad/s, name its unit "
-            "(frequency_hz, speed_hz): wrong, it falsifies every parameter, lam first of all, and a fit may not notice."
+            "(frequency_hz, speed_hz): a wrong unit makes every parameter wrong, lam most of "
+            "all, and a fit may not notice."
         )
         yield Finding("warning", "frequency-unit", text, remedy="frequency_hz, speed_hz")
 
@@ -79,8 +80,8 @@ def _frequencies(test: Experiment, influences: Influences | None) -> Iterator[Fi
     synchronous, both_ways = test.synchronous, test.drives_both_ways
     if near.any() and not synchronous:
         text = (
-            f"Near 1x: {near.sum()} readings are at once-per-turn frequency, where run-out and residual unbalance add "
-            "to the response. Subtract the slow roll (slow_roll=, --slow-roll-below), or remove them."
+            f"Near 1x: {counted(near.sum(), 'reading')} at once-per-turn frequency, where run-out and residual "
+            "unbalance add to the response. Subtract the slow roll (slow_roll=, --slow-roll-below), or remove them."
         )
         yield Finding("warning", "near-1x", text, rows_of(near), remedy="slow_roll, drop_near_1x")
     forward, backward = np.all(test.frequencies >= 0), np.all(test.frequencies <= 0)

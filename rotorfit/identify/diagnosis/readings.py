@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from rotorfit.base.array_types import Float, Index
-from rotorfit.base.digits import significant
+from rotorfit.base.digits import counted, significant
 from rotorfit.estimators.blocks.row_keys import combined, rows_by, words
 from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.findings import NO_COPIES, Finding, listed, rows_of
@@ -41,8 +41,8 @@ def amplitudes(test: Experiment) -> Iterator[Finding]:
     elif 0 < largest < smallest_displacement and not (getattr(test, "force", np.zeros(1)) == 1.0).all():
         text = (
             f"The largest amplitude is {significant(largest, 3)} m 0-peak, little for a rotor and hardly more than "
-            "probes resolve. Check the unit of the amplitude column (amplitude_um, amplitude_mm): wrong, it goes into "
-            "every mass, damping and stiffness, and no fit can notice."
+            "probes resolve. Check the unit of the amplitude column (amplitude_um, amplitude_mm): a wrong one "
+            "makes every mass, damping and stiffness wrong, and no fit can notice."
         )
         yield Finding("warning", "small-amplitude", text)
 
@@ -61,7 +61,7 @@ def copied_readings(test: Experiment) -> Iterator[Finding]:
     again = np.zeros(read.size, dtype=bool)
     again[some] = [first.setdefault(key, i) != i for i, key in enumerate(zip(*columns, strict=True))]
     if again.any():
-        text = f"Copies: {again.sum()} readings repeat an earlier row to the last digit. {NO_COPIES}"
+        text = f"Copies: {counted(again.sum(), 'reading')} of an earlier row, to the last digit. {NO_COPIES}"
         yield Finding("warning", "duplicate", text, rows_of(again), remedy="leave the copies out")
     yield from copied_runs([test])[0]
 
@@ -90,8 +90,8 @@ def copies_among(digests: Sequence[Mapping[str, bytes]], sources: Sequence[str])
 
 def copies_finding(copies: Mapping[str, str], rows: Sequence[int] = ()) -> Finding:
     """Sentences on runs that are copies of others."""
-    pairs = listed([f"{run} is {original}" for run, original in copies.items()])
-    text = f"Copies of runs: to the last digit {pairs}. {NO_COPIES}"
+    pairs = listed([f"{run} repeats {original}" for run, original in copies.items()])
+    text = f"Copies of runs, to the last digit: {pairs}. {NO_COPIES}"
     return Finding("warning", "duplicate", text, tuple(rows), remedy="leave the copies out")
 
 
@@ -139,8 +139,8 @@ def unread(test: PerturbationTest) -> Iterator[Finding]:
         holes += sweep[empty[np.abs(before + behind) / 2 > _ROUNDING_STEPS * step]].tolist()
     if holes:
         text = (
-            f"Zero: {len(holes)} readings are exactly zero where those beside them are not: cells that were empty, or "
-            "lines that were not measured. Remove these rows."
+            f"Zero: {counted(len(holes), 'reading')} exactly zero beside others that are not: cells that were empty, "
+            "or lines that were not measured. Remove these rows."
         )
         yield Finding("error", "zero", text, tuple(sorted(holes)), remedy="remove these rows")
 

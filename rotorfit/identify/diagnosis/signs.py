@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.base.array_types import ComplexArray, Float, Index
-from rotorfit.base.digits import significant
+from rotorfit.base.digits import counted, significant
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.diagnosis.forces import BACKWARD_SHARES
 from rotorfit.identify.diagnosis.orbits import FEWEST_READINGS, SYNCHRONOUS_DISTANCE, Orbits, mirrored, total_power
@@ -44,9 +44,9 @@ def wrong_direction(orbits: Orbits) -> Iterator[Finding]:
         places = zip(orbits.run[at].tolist(), orbits.plane[at].tolist(), strict=True)
         named = listed(list(dict.fromkeys(f"{run} / {plane}" for run, plane in places)))
         text = (
-            f"In {at.size} lines the rotor answers against the direction of the force, in the others of the same runs "
-            f"along it, and nowhere between the two: {named}. Check whether a probe was turned round, or x and y "
-            "exchanged, in these lines, and the sign of their frequency."
+            f"In {counted(at.size, 'line')} the rotor answers against the direction of the force, in the others of the "
+            f"same runs along it, and nowhere between the two: {named}. Check whether a probe was turned round, or x "
+            "and y exchanged, in these lines, and the sign of their frequency."
         )
         yield Finding("error", "turned-lines", text, orbits.rows_of(at))
     against: dict[tuple[str, str], bool] = {}

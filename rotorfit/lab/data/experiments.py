@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Bool, ComplexArray, Float, Index, Records, Text
+from rotorfit.base.digits import counted
 from rotorfit.base.units import UNITS
 from rotorfit.estimators.blocks.row_keys import combined, in_order, occurrence
 from rotorfit.estimators.blocks.set_speeds import once_per_turn
@@ -101,9 +102,9 @@ class PerturbationTest(Experiment):
             bad &= ~np.char.endswith(self.direction, "z")
         if bad.any():
             raise ValueError(
-                f"{self.source or 'the test'}: {bad.sum()} readings have a negative frequency under a force along "
-                f"{self.force_direction[bad][0]} (row {np.flatnonzero(bad)[0] + 1}); a force that does not turn has "
-                "positive ones"
+                f"{self.source or 'the test'}: {counted(bad.sum(), 'reading')} with a negative frequency under a force "
+                f"along {self.force_direction[bad][0]} (row {np.flatnonzero(bad)[0] + 1}); a force that does not turn "
+                "has positive ones"
             )
 
     def observe(self, model: RotorModel, group: Index) -> Block:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.base.array_types import Bool, ComplexArray, Float, Index, Text
-from rotorfit.base.digits import significant
+from rotorfit.base.digits import counted, significant
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.synchronous import join
@@ -31,10 +31,11 @@ def whirl_parts(test: PerturbationTest, planar: Bool | None = None) -> tuple[Per
     if alone.size:
         row, rpm = alone[0], test.speed[alone[0]] * RPM_PER_RAD_S
         raise ValueError(
-            f"{test.source or 'the test'}: {alone.size} readings under a force along an axis have no partner in the "
-            f"other direction (row {row + 1}: {test.plane[row]} {test.direction[row]}, at {significant(rpm, 4)} rpm); "
-            "such a force moves a rotor that turns forward and backward at once, which one probe cannot tell apart. "
-            "One direction is enough at rest (speed 0) and for models without cross-coupling"
+            f"{test.source or 'the test'}: {counted(alone.size, 'reading')} under a force along an axis without a "
+            f"partner in the other direction (row {row + 1}: {test.plane[row]} {test.direction[row]}, at "
+            f"{significant(rpm, 4)} rpm); such a force moves a rotor that turns forward and backward at once, "
+            "which one probe cannot tell apart. One direction is enough at rest (speed 0) and for models "
+            "without cross-coupling"
         )
     x, y = pairs.T
     whole = np.flatnonzero(~split)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.base.array_types import Float
+from rotorfit.base.digits import counted
 from rotorfit.base.names import unknown_name
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.lab.data.experiments import PerturbationTest
@@ -83,7 +84,8 @@ def resolve_probe_angles(test: PerturbationTest, angles: Mapping[str, tuple[floa
         rows, lonely = probe_pairs(test, (test.plane == plane) & np.isin(test.direction, ("x", "y")))
         if lonely.size or not rows.size:
             raise ValueError(
-                f"probe angles: {lonely.size} readings of {plane} have no partner in the other probe to resolve with"
+                f"probe angles: {counted(lonely.size, 'reading')} of {plane} without a partner in the other "
+                "probe to resolve with"
             )
         response[rows] = test.response[rows] @ inverse.T
         sigma[rows] = np.sqrt(test.sigma[rows] ** 2 @ (inverse**2).T)

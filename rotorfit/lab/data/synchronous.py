@@ -75,7 +75,7 @@ def difference_synchronous(test: PerturbationTest) -> PerturbationTest:
     """
     if not test.synchronous:
         raise ValueError(
-            f"{test.source or 'the test'} is not synchronous: differenced are runs with frequency = speed on all rows"
+            f"{test.source or 'the test'} is not synchronous: runs are differenced where frequency = speed on all rows"
         )
     done = np.asarray(test.attributes.get(DIFFERENCED, np.zeros(len(test))) == 1)
     used = np.zeros(len(test), dtype=bool)

@@ -99,8 +99,8 @@ def _observed(test: DisplacementTest, model: RotorModel, group: Index) -> Respon
         raise ValueError(f"{model.name} keeps x and y apart; an imposed circular orbit needs an isotropic model")
     if set(test.planes) - set(model.planes):
         raise ValueError(
-            f"{test.source or 'experiment'} has planes {', '.join(test.planes)}, the model {model.name} has "
-            f"{', '.join(model.planes)}. Map names (planes=, --planes)"
+            f"{test.source or 'experiment'} has planes {', '.join(test.planes)}; the model {model.name} has "
+            f"{', '.join(model.planes)}: map names (planes=, --planes)"
         )
     count = len(test)
     planes, plane = test.category("plane")

@@ -9,6 +9,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from rotorfit.base.array_types import Bool, ComplexArray, Float, Index, Text
+from rotorfit.base.digits import counted
 from rotorfit.base.units import UNITS
 from rotorfit.estimators.blocks.nonlinear import OrbitResponses
 from rotorfit.estimators.blocks.observations import Block, Responses
@@ -104,9 +105,10 @@ def _observed(test: StaticTest, model: RotorModel, group: Index) -> Block:
         raise ValueError(f"{model.name} keeps x and y apart; static loads need a model in complex coordinates")
     idle = np.flatnonzero(test.load == 0)
     if idle.size:
+        rows = ", ".join(map(str, idle[:8] + 1))
         raise ValueError(
-            f"{test.source or test.title}: the load is zero in {idle.size} rows ({', '.join(map(str, idle[:8] + 1))}); "
-            "positions count from that without a load: subtract it from the others and remove its row"
+            f"{test.source or test.title}: the load is zero in {counted(idle.size, 'row')} ({rows}); "
+            "positions count from that without a load: subtract it from the others and leave it out"
         )
     count = len(test)
     still = np.zeros(count)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.base.array_types import COLLINEAR, RANK_TOLERANCE, Bool, ComplexArray, Float, Index
+from rotorfit.base.digits import counted
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.row_keys import combined, distinguished, in_order, numbers, rows_by
 from rotorfit.estimators.noise.sweep_noise import estimate_noise
@@ -56,8 +57,8 @@ def _check_finite(experiment: PerturbationTest) -> None:
     bad = ~np.logical_and.reduce([np.isfinite(column) for column in columns])
     if bad.any():
         raise ValueError(
-            f"{name}: {bad.sum()} readings are not finite ({rows_in_words(bad)}); remove them, for instance with "
-            "test.select(...)"
+            f"{name}: {counted(bad.sum(), 'reading')} not finite ({rows_in_words(bad)}); select others, for instance "
+            "with test.select(...)"
         )
     bad = (experiment.sigma <= 0) | np.isinf(experiment.sigma)
     if bad.any():
@@ -74,10 +75,10 @@ def _check_finite(experiment: PerturbationTest) -> None:
     if still.any():
         runs = ", ".join(dict.fromkeys(experiment.run[still].tolist()))
         raise ValueError(
-            f"{name}: the force is zero in {still.sum()} readings of {runs}. A reference run without a weight is "
-            "subtracted where runs dwell at a few speeds, and from start-ups that are one test with it and pass the "
-            "same speeds (rf.join_runs, `rotorfit join REFERENCE TRIAL --out BOTH.csv`); or repeat each weight at 180 "
-            "degrees (eq. 20). Any other reading without a force is to be removed"
+            f"{name}: the force is zero in {counted(still.sum(), 'reading')} of {runs}. A reference run without a "
+            "weight is subtracted where runs dwell at a few speeds, and from start-ups that are one test with it and "
+            "pass the same speeds (rf.join_runs, `rotorfit join REFERENCE TRIAL --out BOTH.csv`); or repeat each "
+            "weight at 180 degrees (eq. 20). Any other reading without a force is to be removed"
         )
     if experiment.response.all():
         return

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.base.array_types import ComplexArray, Float, Index
-from rotorfit.base.digits import significant
+from rotorfit.base.digits import counted, significant
 from rotorfit.estimators.blocks.row_keys import words
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.models import RotorModel
@@ -42,7 +42,7 @@ def check_finite(test: Experiment, *columns: NDArray[np.generic]) -> None:
         bad |= ~np.isfinite(column)
     if bad.any():
         rows = ", ".join(str(row + 1) for row in np.flatnonzero(bad)[:8])
-        raise ValueError(f"{test.source or test.title}: {bad.sum()} rows are not finite ({rows}); remove them")
+        raise ValueError(f"{test.source or test.title}: {counted(bad.sum(), 'row')} not finite ({rows}), to be removed")
 
 
 def check_planes(
@@ -54,8 +54,8 @@ def check_planes(
         fewer = f"; of so many planes it takes only those chosen (where=, --where plane=A{chosen})"
         fewer = fewer if len({*planes, *forced}) > len(model.planes) else ""
         raise ValueError(
-            f"{test.source or test.title} has planes {', '.join(planes)}{beside}, the model "
-            f"{model.name} has {', '.join(model.read_planes)}. Map names (planes=, --planes){fewer}"
+            f"{test.source or test.title} has planes {', '.join(planes)}{beside}; the model "
+            f"{model.name} has {', '.join(model.read_planes)}: map names (planes=, --planes){fewer}"
         )
 
 

@@ -150,7 +150,7 @@ def _weights(
     chosen = some_planes(model, given)
     sizes = unbalance if isinstance(unbalance, Mapping) else dict.fromkeys(chosen, unbalance)
     if missing := [plane for plane in chosen if plane not in sizes]:
-        raise ValueError(f"unbalance has no weight for {', '.join(missing)}, which the start-ups are to have one at")
+        raise ValueError(f"unbalance has no weight for {', '.join(missing)}; start-ups need one for each of planes")
     weights = {plane: float(positive(f"unbalance at {plane}", sizes[plane])[0]) for plane in chosen}
     if not kept:
         return {

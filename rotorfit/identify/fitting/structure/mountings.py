@@ -110,7 +110,9 @@ def mountings(fits: Sequence[FitResult], *, plane: str | None = None) -> Mountin
         2
     """
     if len(fits) < 2:
-        raise ValueError(f"the scatter between mountings takes two fits at least, one a mounting; got {len(fits)}")
+        raise ValueError(
+            f"the scatter between mountings needs two fits or more, one for each mounting; got {len(fits)}"
+        )
     tables = [{row.condition: row for row in fit.coefficient_table(plane=plane).rows} for fit in fits]
     for number, table in enumerate(tables[1:], 2):
         if set(table) != set(tables[0]):

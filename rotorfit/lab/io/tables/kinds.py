@@ -59,14 +59,14 @@ def _read(column: Column, columns: Columns) -> NDArray[Any]:
 
 
 _REFUSED: dict[str, tuple[Callable[[NDArray[Any]], Bool], str]] = {
-    "sigma": (lambda values: values <= 0, "is no noise: positive, or blank where it is not known"),
+    "sigma": (lambda values: values <= 0, "is not a size of noise: positive, or blank where it is not known"),
     "eccentricity": (
         lambda values: (values < 0) | (values >= 1),
-        "is no eccentricity: |displacement| / clearance, from 0 to below 1",
+        "is not an eccentricity: |displacement| / clearance, from 0 to below 1",
     ),
     "damping_ratio": (
         lambda values: np.abs(values) >= 1,
-        "is no damping ratio of a mode that vibrates, between -1 and 1",
+        "is not the damping ratio of a mode that vibrates: between -1 and 1",
     ),
 }
 """Values that a column cannot have, and why."""

@@ -126,9 +126,7 @@ def _noise_of_coherence(columns: Columns, size: Float) -> Float:
             "add a column averages, or constants={'averages': 20} (--constant averages=20)"
         )
     given = columns.number("coherence", blank=True)
-    columns.refuse(
-        (given < 0) | (given > 1), "coherence", "is no coherence, which is from 0 to 1 (a fraction, not per cent or dB)"
-    )
+    columns.refuse((given < 0) | (given > 1), "coherence", "is not a coherence: 0 to 1, a fraction, not per cent or dB")
     columns.refuse(given == 0, "coherence", "throughout: all readings are noise alone")
     averages = columns.number("averages")
     columns.refuse(

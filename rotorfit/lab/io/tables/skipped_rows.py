@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rotorfit.base.array_types import Bool
+from rotorfit.base.digits import counted
 from rotorfit.base.units import RPM_PER_RAD_S, UNITS, units_of
 from rotorfit.lab.io.tables.cells import NOT_TAKEN, Numbers, lacking, taken
 from rotorfit.lab.io.tables.table import READING, Table, floats
@@ -47,7 +48,7 @@ def without_standstill(table: Table) -> Table:
     still = ~np.logical_and.reduce([lacking(table.cells[name]) for name in names]) & (values == 0)
     if not still.any() or still.all():
         return table
-    words = f"{table.source}: {still.sum()} readings at frequency zero were left out: nothing accelerates there"
+    words = f"{table.source}: {counted(still.sum(), 'reading')} at frequency zero left out: nothing accelerates there"
     return table.rows(np.flatnonzero(~still)).noted("standstill", words)
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.base.array_types import Bool, Float, Index, Text
+from rotorfit.base.digits import counted
 from rotorfit.base.names import nearest, unknown_name
 from rotorfit.base.units import UNITS, find_unit, units_of
 from rotorfit.lab.data.findings import Finding
@@ -113,8 +114,8 @@ class Table:
             row = int(np.flatnonzero(bad)[0])
             cell = self.cells[name][row] or "a blank cell"
             raise ValueError(
-                f"{self.where(row, name)}: {cell} where a finite number is needed ({bad.sum()} such cells in the "
-                f"column); remove the readings that were not taken"
+                f"{self.where(row, name)}: {cell} where a finite number is needed ({counted(bad.sum(), 'such cell')} "
+                "in the column); remove the readings that were not taken"
             )
         return np.asarray(values * factor)
 

@@ -251,7 +251,7 @@ def _complete_probe(raw: RawFile, probe: Probe, setup: RigSetup, how: str) -> Pr
         lacking = "angle_deg" if probe.angle is None else lacking
         own = raw.channels[probe.channel].unit
         unknown = f" (its unit in the file, {own!r}, is none of {ALLOWED})" if own and channel_unit(own) is None else ""
-        raise ValueError(f"{raw.name}: nothing says the {lacking} of the probe {probe.channel}{unknown}; {how}")
+        raise ValueError(f"{raw.name}: the probe {probe.channel} has no {lacking}{unknown}; {how}")
     name = unit.name if unit is not None and unit.quantity != "voltage" else None
     return replace(probe, sensitivity=sensitivity, unit=name, derivative=order)
 
