@@ -72,8 +72,12 @@ def test_a_rotor_that_no_speed_changes_begins_with_its_resonances() -> None:
 def test_modes_and_laws_lead_with_their_own_numbers() -> None:
     modal = plain_fit(rf.models.Modal(), rf.datasets.rk4(), phase_offsets="common")
     names = [n.name for n in headline(modal).numbers]
-    assert names[:2] == ["mode 1", "least damping, mode 1"]
-    assert not {"wn", "zeta"} & set(names)
+    assert names == ["mode 1", "least damping, mode 1", "M"]  # gains and participations say nothing of the rotor
+    two = plain_fit(rf.models.Modal(("inboard", "outboard"), modes=2), rf.datasets.two_disk())
+    names = [n.name for n in headline(two).numbers]
+    assert names == ["mode 1", "mode 2", "damping, mode 1", "damping, mode 2", "M1"]
+    damping = [n.quantity.value for n in headline(two).numbers[2:4]]
+    assert damping == pytest.approx([2 * np.pi * zeta / np.sqrt(1 - zeta**2) for zeta in (0.03, 0.032)], rel=0.1)
     assert headline(modal).numbers[0].quantity.value == pytest.approx(modal.params["wn"].value * 30 / np.pi)
     law = rf.models.Muszynska()
     rotor = rf.models.OneMode(law=law, clearance_um=127.0)

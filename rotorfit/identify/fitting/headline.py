@@ -122,7 +122,7 @@ class Headline:
         shown = {number.name for number in found}
         of_groups = bool(found) and len(fit.thetas) > 1  # one group's value says little beside what leads
         for p in fit.params.values() if not of_groups else ():
-            told = p.name in shown or (fit.model.of_modes and bare_name(p.name).startswith(("wn", "zeta")))
+            told = p.name in shown or (fit.model.of_modes and not bare_name(p.name).startswith("M"))
             if len(found) < MOST and p.vary and p.name in fit.problem.space.names and not told:
                 found += _parameter(fit, p.name)
         return tuple(found[:MOST])
@@ -212,7 +212,7 @@ def _frequencies(fit: FitResult) -> Iterator[KeyNumber]:
     """Natural frequencies of the lowest modes of a rotor that no speed changes."""
     if not fit.success or fit.model.speed_dependent or fit.model.turns:
         return
-    few = 3  # modes, beside which there is room for their damping
+    few = MOST - 1 if fit.model.of_modes else 3  # modes, beside which there is room for their damping
     for name, frequency, _ in _standing_modes(fit)[:few]:
         yield KeyNumber(name=f"mode {name}", meaning="natural frequency", quantity=frequency.to("rpm"))
 
@@ -257,12 +257,12 @@ def _least_damping(fit: FitResult) -> Iterator[KeyNumber]:
     if not swinging:
         return
     # Forward of two that are damped alike but for round-off
-    mode, zeta = min(swinging, key=lambda one: (float(significant(one[1].value, 9)), not one[0].endswith("F")))
-    decrement = decrement_of(zeta)
+    least = min(swinging, key=lambda one: (float(significant(one[1].value, 9)), not one[0].endswith("F")))
     where = f" at {significant(speed * RPM_PER_RAD_S, 4)} rpm" if fit.model.speed_dependent else ""
-    name = mode if speed > 0 else f"mode {mode}"
-    meaning = f"log. decrement{where}"
-    yield KeyNumber(name=f"least damping, {name}", meaning=meaning, quantity=decrement, unit="log dec")
+    every = fit.model.of_modes and len(swinging) == 2  # there is room for both dampings
+    for mode, zeta in swinging if every else [least]:
+        name = f"{'' if every else 'least '}damping, {mode if speed > 0 else f'mode {mode}'}"
+        yield KeyNumber(name=name, meaning=f"log. decrement{where}", quantity=decrement_of(zeta), unit="log dec")
 
 
 def top_speed(fit: FitResult) -> float:

@@ -105,9 +105,9 @@ def _observed(test: StaticTest, model: RotorModel, group: Index) -> Block:
         raise ValueError(f"{model.name} keeps x and y apart; static loads need a model in complex coordinates")
     idle = np.flatnonzero(test.load == 0)
     if idle.size:
-        rows = ", ".join(map(str, idle[:8] + 1))
+        where = ", ".join(map(str, idle[:8] + 1))
         raise ValueError(
-            f"{test.source or test.title}: the load is zero in {counted(idle.size, 'row')} ({rows}); "
+            f"{test.source or test.title}: the load is zero in {counted(idle.size, 'row')} ({where}); "
             "positions count from that without a load: subtract it from the others and leave it out"
         )
     count = len(test)
