@@ -17,6 +17,7 @@ import rotorfit as rf
 from rotorfit.apps.cli.main import main
 from rotorfit.apps.study_files.folder import CONTENTS
 from rotorfit.models import OneMode
+from rotorfit.studies.campaigns.trends import common_middle
 
 
 @pytest.fixture(scope="module")
@@ -207,6 +208,11 @@ def test_report_of_a_campaign(tmp_path, small):
     found = rf.campaign(OneMode(), with_a_dead_run(table), known=KNOWN)
     text = rf.write_campaign_report(found, tmp_path / "c.html", against="pressure_psi", by="inlet").read_text()
     assert "19 of 20 runs give an answer" in text
+    assert "As pressure_psi grows, K0 and D rise; lam (anti-swirl) falls; lam (radial) stays." in text  # as simulated
+    first = text[: text.index("<h2>Trends")]
+    for t in found.trends(["K0", "lam"], against="pressure_psi", by="inlet"):
+        shown = t.at(common_middle(found.trends(t.parameter, against="pressure_psi", by="inlet"))).shown()
+        assert f"<b>{shown.value}</b>\u00a0±\u00a0{shown.error}" in first  # the digits of the summary
     assert "R00: says nothing" in text
     assert "data:image/png" in text
     for name in ("anti-swirl", "pressure_psi", "r19"):

@@ -109,8 +109,8 @@ def test_measured_responses_without_a_fit(rig: rf.PerturbationTest, fit: rf.FitR
     for drawn, of_fit in zip((amplitude, phase), fit.plot.bode(unit="hz").axes, strict=True):
         np.testing.assert_allclose(points_of(drawn), points_of(of_fit), rtol=1e-9)
         assert drawn.get_ylabel() == of_fit.get_ylabel()
-    (polar,), (of_fit,) = rig.plot.polar().axes, fit.plot.polar().axes
-    np.testing.assert_allclose(points_of(polar), points_of(of_fit), rtol=1e-9)
+    for polar, of_fit in zip(rig.plot.polar().axes, fit.plot.polar().axes, strict=True):
+        np.testing.assert_allclose(points_of(polar), points_of(of_fit), rtol=1e-9)
     assert heading_of(rig.plot()) == "Measured responses"
 
 

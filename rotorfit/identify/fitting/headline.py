@@ -155,7 +155,12 @@ def headline(fit: FitResult, findings: Sequence[Finding] | None = None) -> Headl
 
 def rig_name(fit: FitResult) -> str:
     """What was tested, by the names of its files."""
-    names = list(dict.fromkeys(Path(short_source(test.source)).stem for test in fit.experiments if test.source))
+    return named_by([test.source for test in fit.experiments])
+
+
+def named_by(sources: Sequence[str]) -> str:
+    """The first of some files by its name, and how many more there are."""
+    names = list(dict.fromkeys(Path(short_source(source)).stem for source in sources if source))
     more = f" and {len(names) - 1} more" if names[1:] else ""
     return names[0] + more if names else "data in memory"
 
@@ -367,7 +372,7 @@ def _said_of(fit: FitResult, numbers: Sequence[KeyNumber]) -> Iterator[str]:
     first = numbers[0] if numbers else None
     if first is not None and first.meaning == "natural frequency":
         told = [number.shown.value for number in numbers if number.meaning == first.meaning]
-        yield f"Resonance at {_both(told)} rpm."
+        yield f"Resonance at {both(told)} rpm."
     if first is None or not first.name.startswith("threshold speed"):
         return
     yield from _stability(fit, first)
@@ -406,10 +411,10 @@ def _speeds(fit: FitResult) -> str:
     rpm = [significant(speed * RPM_PER_RAD_S, 4) for speed in fit.speeds.tolist()]
     if len(rpm) > few:
         return f"speeds, {rpm[0]} to {rpm[-1]} rpm"
-    return f"speed{'s' if rpm[1:] else ''}, {_both(rpm)} rpm"
+    return f"speed{'s' if rpm[1:] else ''}, {both(rpm)} rpm"
 
 
-def _both(words: Sequence[str]) -> str:
+def both(words: Sequence[str]) -> str:
     """Words with commas and an "and" between."""
     return " and ".join(part for part in (", ".join(words[:-1]), words[-1]) if part)
 

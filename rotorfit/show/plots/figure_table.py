@@ -51,7 +51,7 @@ def _stiffness_measured(block: Responses) -> bool:
 
 
 _TO_FORCE = "Responses to a unit force. Points: measured. Lines: fit, with its 95 % band."
-_POLAR = "Responses to a unit force. Points: measured, open ones backward. Lines: fit; circles: frequencies in rpm."
+_POLAR = "Responses to a unit force. Points: measured. Lines: fit; circles: frequencies in rpm."
 _BAND = "Residuals over their noise; noise alone would leave 95 % of them between the dashed lines."
 
 FIGURES: tuple[ReportFigure, ...] = (

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 
 from rotorfit.base.array_types import ComplexArray
 from rotorfit.base.digits import significant
@@ -24,10 +25,11 @@ from rotorfit.show.plots.bode import (
 )
 from rotorfit.show.plots.journal import rig_of
 from rotorfit.show.plots.style import (
-    AXES,
     GREY,
+    GRID,
     HALF,
     MARKERS,
+    PAGE,
     SMALL_TYPE,
     Sheet,
     halo,
@@ -39,10 +41,9 @@ from rotorfit.show.plots.style import (
 )
 from rotorfit.show.plots.sweeps import SweepCondition, SweepCurve, curves, joined, measured_curves
 
-_POLAR = (
-    "Angle: lead of the probe over a force along it. Points: measured, open ones backward, paler where less certain.",
-    "Circles: frequency of the force, with its number.",
-)
+_TURNING = "Angle: motion ahead of the force, counted in the direction of rotation, 0° to the right."
+_LEADING = "Angle: lead of the probe over a force along it, 0° to the right."
+_POLAR = "Circles with numbers: frequency of the force, {}. Each panel is cut to its curve; + is zero."
 _RESIDUALS = (
     "Points: real part, crosses: imaginary part. Noise alone leaves 95 % of them between the dashed lines at 2 and −2.",
 )
@@ -50,10 +51,10 @@ _RESIDUALS = (
 
 @on_sheet
 def plot_polar(fit: FitResult, *, sheet: Sheet) -> Figure:
-    """Responses per unit force in the complex plane; filled points forward, open points backward.
+    """Responses per unit force in the complex plane, backward and forward in panels of their own.
 
-    Angles are phase leads of the probe, forward and backward alike. Circles along the fitted lines are at round
-    frequencies, in rpm, signed.
+    Angles are those of x + jy over the force, counted in the direction of rotation; of x and y apart, phase leads of
+    the probe. Circles along the fitted lines are at round frequencies, rings about zero have one step.
     """
     conditions, found = curves(fit, sheet)
     return _polar(sheet, fit.model, conditions, found, f"{rig_of(fit)}: polar responses and the fit", "fit")
@@ -73,96 +74,130 @@ def _polar(
     title: str,
     line: str,
 ) -> Figure:
-    figure, panels, _ = panels_of(sheet, found, title, rows=1, size=(4.4, 2.3), reads=_POLAR)
-    for curve in found:
-        (axis,) = panels[curve.coordinate, curve.force_plane]
-        colour = curve.condition.colour
-        factor, _ = response_unit(sheet, model, curve.coordinate, found)
-        z, fitted = factor * curve.seen, factor * _round(curve)
-        shade = shades(colour, opacity_of(curve.uncertainty))
-        shown = shade[:, 3] > 0
-        look: dict[str, Any] = {"s": 8, "marker": curve.condition.marker, "linewidths": 0, "c": shade[shown]}
-        if curve.frequency[-1] < 0:
-            look |= {"linewidths": 0.6, "c": None, "facecolors": "none", "edgecolors": shade[shown]}
-        axis.scatter(z.real[shown], z.imag[shown], **look)
-        axis.plot(fitted.real, fitted.imag, "-", lw=1.2, color=colour)
-    for pair, (axis,) in panels.items():
-        mine = [c for c in found if (c.coordinate, c.force_plane) == pair]
-        factor, unit = response_unit(sheet, model, pair[0], found)
-        panel_title(axis, cell_title(model, *pair), share=0.62)  # of a square panel
-        axis.set(xlabel=f"in phase, {unit}", ylabel=f"quadrature, {unit}", aspect="equal")
-        axis.axhline(0, color=AXES, lw=0.7, zorder=1)
-        axis.axvline(0, color=AXES, lw=0.7, zorder=1)
-        every = np.asarray(factor * np.concatenate([*(c.line_seen for c in mine), np.zeros(1)]), dtype=complex)
-        square_axis(axis, every, 1.28)  # and numbers beside the curve; noise of low frequencies may lie outside
-        _mark_frequencies(sheet, axis, mine, factor)
+    panels = sorted({(c.coordinate, c.force_plane, _is_forward(c)) for c in found})
+    ways, pairs = sorted({forward for *_, forward in panels}), sorted({panel[:2] for panel in panels})
+    few, several = 2, 6  # pairs beside one another, and pairs from which there are three
+    across = len(ways) * (min(len(pairs), few) if len(pairs) <= several else 3)
+    rows = -(-len(pairs) * len(ways) // across)
+    side = PAGE[0] / max(across, 2)
+    signed = all(c.signed for c in found)
+    reads = (_TURNING if signed else _LEADING, _POLAR.format(sheet.rate_unit))
+    words, above = 0.5, 0.6  # inches of the words about a panel, and of those above and below all of them
+    figure, axes = sheet.grid(rows, across, title, size=(side, side + words + above / rows), reads=reads)
+    places = dict(zip([(*pair, way) for pair in pairs for way in ways], axes.flat, strict=False))
+    for axis in {*axes.flat} - {places[panel] for panel in panels}:
+        axis.remove()
+    for panel in panels:
+        own = [c for c in found if (c.coordinate, c.force_plane, _is_forward(c)) == panel]
+        factor, unit = response_unit(sheet, model, panel[0], found)
+        way = (("forward" if panel[2] else "backward") + ("\n" if across > 4 else ", ")) if len(ways) > 1 else ""
+        panel_title(places[panel], cell_title(model, *panel[:2]), share=0.98)
+        _draw_polar(sheet, places[panel], own, factor, signed=signed)
+        places[panel].set_xlabel(f"{way}ring {_draw_rings(places[panel])} {unit}", fontsize=SMALL_TYPE)
     condition_legend(figure, conditions, line)
     return figure
 
 
-def _round(curve: SweepCurve) -> ComplexArray:
-    """The fitted line as a probe shows it, with so many points that the loop of a sharp resonance is no polygon."""
+def _is_forward(curve: SweepCurve) -> bool:
+    return bool(curve.frequency[-1] > 0)
+
+
+def _draw_polar(sheet: Sheet, axis: Any, found: Sequence[SweepCurve], factor: float, *, signed: bool) -> None:
+    """Curves of one probe, one force and one direction of whirl, cut to their fitted lines."""
+    lines = [factor * (c.fitted if signed else c.line_seen) for c in found]
+    for curve, line in zip(found, lines, strict=True):
+        z, rounded = factor * (curve.measured if signed else curve.seen), _rounded(line, curve)
+        shade = shades(curve.condition.colour, opacity_of(curve.uncertainty))
+        shown = shade[:, 3] > 0
+        look: dict[str, Any] = {"s": 8, "marker": curve.condition.marker, "linewidths": 0, "c": shade[shown]}
+        axis.scatter(z.real[shown], z.imag[shown], **look)
+        axis.plot(rounded.real, rounded.imag, "-", lw=1.2, color=curve.condition.colour)
+    square_axis(axis, np.concatenate([*lines, np.zeros(1)]), 1.28)  # numbers stand beside the curve
+    axis.set(aspect="equal", xticks=[], yticks=[])
+    _mark_frequencies(sheet, axis, found, lines)
+
+
+def _draw_rings(axis: Any) -> str:
+    """Zero, and rings about it with one round step; the step."""
+    from matplotlib.patches import Circle
+
+    (left, right), (low, high) = axis.get_xlim(), axis.get_ylim()
+    third = (right - left) / 6  # of half the width
+    step = next(size * 10.0**power for power in [int(np.floor(np.log10(third)))] for size in (1, 2, 5, 10)
+                if size * 10.0**power >= third)  # fmt: skip
+    axis.grid(visible=False)
+    axis.spines[:].set(visible=True, color=GRID)
+    farthest = float(np.hypot(max(-left, right), max(-low, high)))
+    for radius in np.arange(step, farthest, step).tolist():
+        axis.add_patch(Circle((0, 0), radius, fill=False, ec=GRID, lw=0.6, zorder=0.5))
+    for draw in (axis.axhline, axis.axvline):
+        draw(0, color=GRID, lw=0.9, zorder=0.5)
+    axis.plot(0, 0, "+", color=GREY, ms=7, zorder=3)
+    return significant(step, 2)
+
+
+def _rounded(line: ComplexArray, curve: SweepCurve) -> ComplexArray:
+    """The line of a curve with so many points that the loop of a sharp resonance is no polygon."""
     if curve.fine.size <= curve.frequency.size:  # a line along the readings
-        return curve.line_seen
+        return line
     from scipy.interpolate import CubicSpline
 
     finer = 6  # points for each of a fitted line: of a resonance with 1 % of damping every second degree of its loop
     along = np.linspace(0, curve.fine.size - 1, finer * (curve.fine.size - 1) + 1)
-    return np.asarray(CubicSpline(np.arange(curve.fine.size), curve.line_seen)(along), dtype=complex)
+    return np.asarray(CubicSpline(np.arange(curve.fine.size), line)(along), dtype=complex)
 
 
-def _mark_frequencies(sheet: Sheet, axis: Any, found: Sequence[SweepCurve], factor: float) -> None:
+def _mark_frequencies(sheet: Sheet, axis: Any, found: Sequence[SweepCurve], lines: Sequence[ComplexArray]) -> None:
     """Circles at round frequencies on the fitted lines, each with its number where it hides least."""
     from matplotlib.ticker import MaxNLocator
 
     top = max(float(np.abs(c.fine).max()) for c in found) * sheet.per_rad_s
     steps = np.asarray(MaxNLocator(nbins=28, steps=[1, 2, 5, 10]).tick_values(-top, top))
     reach = np.ptp(axis.get_xlim()) / 2
-    apart = 0.75  # of circles, in halves of the axis
+    apart = 0.3  # of circles, in halves of the axis
     placed: list[complex] = []
-    every = factor * np.concatenate([c.line_seen[np.isfinite(c.line_seen)] for c in found])
+    taken: list[Bbox] = []
+    every = np.concatenate([line[np.isfinite(line)] for line in lines])
     cell = 0.02 * reach  # places nearer than this count once
     drawn = np.asarray(np.unique(np.round(every / cell)) * cell, dtype=complex)
-    for curve in found:
-        x = curve.fine * sheet.per_rad_s
-        for rpm in sorted(steps[(steps >= x[0]) & (steps <= x[-1]) & (steps != 0)], key=abs):
-            z = factor * complex(np.interp(rpm, x, curve.line_seen.real), np.interp(rpm, x, curve.line_seen.imag))
-            if all(abs(z - other) > apart * reach for other in placed):
-                placed.append(z)
-                axis.plot(z.real, z.imag, "o", ms=3.6, mfc="white", mec=curve.condition.colour, mew=1.1, zorder=5)
-                words = significant(rpm, 4).replace("-", "−")
-                right, up, drawn = _clear_corner(axis, z, len(words), drawn)
-                axis.annotate(
-                    words,
-                    (z.real, z.imag),
-                    xytext=(4 * right, 3 * up),
-                    textcoords="offset points",
-                    ha="left" if right > 0 else "right",
-                    va="bottom" if up > 0 else "top",
-                    fontsize=SMALL_TYPE,
-                    color=curve.condition.colour,
-                    path_effects=halo(),
-                    zorder=5,
-                )
+    for rpm in sorted(steps[steps != 0].tolist(), key=abs):  # each frequency of all curves before the next
+        for curve, line in zip(found, lines, strict=True):
+            x = curve.fine * sheet.per_rad_s
+            z = complex(np.interp(rpm, x, line.real), np.interp(rpm, x, line.imag))
+            if not x[0] <= rpm <= x[-1] or any(abs(z - other) <= apart * reach for other in placed):
+                continue
+            words = significant(abs(rpm), 4)
+            corner = _clear_corner(axis, z, len(words), drawn, taken)
+            if corner is None:
+                continue
+            (right, up), box = corner
+            placed.append(z)
+            taken.append(box)
+            axis.plot(z.real, z.imag, "o", ms=3.6, mfc="white", mec=curve.condition.colour, mew=1.1, zorder=5)
+            axis.annotate(
+                words, (z.real, z.imag), (4 * right, 3 * up), textcoords="offset points",
+                ha="left" if right > 0 else "right", va="bottom" if up > 0 else "top",
+                fontsize=SMALL_TYPE, color=curve.condition.colour, path_effects=halo(), zorder=5,
+            )  # fmt: skip
 
 
-def _clear_corner(axis: Any, z: complex, letters: int, drawn: ComplexArray) -> tuple[int, int, ComplexArray]:
-    """Corner of a point in which its number hides least of what is drawn, and that with the number."""
-    (left, right), (low, high) = axis.get_xlim(), axis.get_ylim()
+def _clear_corner(
+    axis: Any, z: complex, letters: int, drawn: ComplexArray, taken: Sequence[Bbox]
+) -> tuple[tuple[int, int], Bbox] | None:
+    """Corner of a point in which its number hides least of what is drawn, and its room there; None where all are
+    outside of the axes or taken by other numbers."""
     smaller = 0.85  # of the room of the axes, what labels of ticks and equal scales leave
     room = smaller * min(axis.bbox.width, axis.bbox.height) / axis.figure.dpi * 72  # points
-    point = (right - left) / room  # of type, in units of the data
+    point = axis.viewLim.width / room  # of type, in units of the data
     width, height = (0.6 * SMALL_TYPE * letters + 4) * point, (SMALL_TYPE + 3) * point
-
-    def hidden(corner: tuple[int, int]) -> float:
+    free = []
+    for corner in ((1, 1), (-1, 1), (1, -1), (-1, -1)):
         x, y = z.real + corner[0] * width, z.imag + corner[1] * height
-        across, along = (drawn - z).real * corner[0] / width, (drawn - z).imag * corner[1] / height
-        inside = (across > 0) & (across < 1) & (along > 0) & (along < 1)
-        return float(np.count_nonzero(inside)) if left < x < right and low < y < high else np.inf
-
-    best = min(((1, 1), (-1, 1), (1, -1), (-1, -1)), key=hidden)
-    x, y = np.meshgrid(np.linspace(0.05, 0.95, 8), np.linspace(0.05, 0.95, 6))
-    return *best, np.concatenate([drawn, (z + best[0] * width * x + 1j * best[1] * height * y).ravel()])
+        box = Bbox([[min(x, z.real), min(y, z.imag)], [max(x, z.real), max(y, z.imag)]])
+        if axis.viewLim.contains(x, y) and not box.count_overlaps(taken):
+            hidden = box.count_contains(np.column_stack([drawn.real, drawn.imag]))
+            free.append((hidden, corner, box))
+    return min(free, key=lambda one: one[0])[1:] if free else None
 
 
 @on_sheet

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.fitting.headline import Check, Headline, KeyNumber, headline, largest_on_trust, leads_of
 from rotorfit.identify.fitting.notices import notices_of
-from rotorfit.identify.fitting.quantities import Quantity
+from rotorfit.identify.fitting.quantities import Quantity, Shown
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.findings import Finding, attributed, errors_in
 from rotorfit.show.plots.figure_table import first_figures
@@ -33,7 +34,7 @@ def verdict_section(material: ReportInput) -> Html:
     """Verdict, checks, five numbers with their shares, what limits them, two figures."""
     head = headline_of(material)
     content = [element("h2", "Verdict", class_="unseen"), _sentence(head)]
-    content.append(element("p", *join_spaced(_check(check) for check in head.checks), class_="checks"))
+    content.append(element("p", *join_spaced(map(check_of, head.checks)), class_="checks"))
     errors = [f"error in the data: {words}" for words in data_errors(material)]
     if errors:
         content.append(bullets((parts.sentence(words) for words in errors), class_="warnings"))
@@ -95,7 +96,7 @@ def _of_data(material: ReportInput) -> list[Finding]:
     return attributed(material.findings, [test.source or test.title for test in material.fit.experiments])
 
 
-def join_spaced(pieces: Iterator[Html]) -> list[Html]:
+def join_spaced(pieces: Iterable[Html]) -> list[Html]:
     """Pieces that a line may break between."""
     return [piece for one in pieces for piece in (one, Html(" "))]
 
@@ -126,7 +127,7 @@ def _number(number: KeyNumber) -> str:
     return _set(f"{shown.number}{unit}")
 
 
-def _check(check: Check) -> Html:
+def check_of(check: Check) -> Html:
     """A tick, or a sign in amber; a second sign beside the colour."""
     said = element(
         "span", join([" ".join(("✓" if check.good else "▲", check.words))]), class_="good" if check.good else "bad"
@@ -147,15 +148,7 @@ def _card(head: Headline, number: KeyNumber) -> Html:
             why,
             class_="card bad",
         )
-    error = f"\u00a0±\u00a0{typeset(shown.error)}" if shown.error.strip("-") else ""
-    named = shown.unit if number.quantity.unit != "1" else ""  # else the name says it
-    unit = element("span", f"\u00a0{parts.unit_shown(named)}", class_="unit") if named else Html("")
-    value = element("div", element("b", typeset(shown.value)), error, unit, class_="value")
-    lines = (
-        [element("div", f"95 %: {typeset(shown.low)} to {typeset(shown.high)}", class_="more ends")]
-        if shown.low
-        else []
-    )
+    lines = []
     if number.error is not None:
         bar = [
             element("i", class_=kind, style=f"width:{100 * share:.1f}%")
@@ -165,7 +158,17 @@ def _card(head: Headline, number: KeyNumber) -> Html:
         lines.append(element("div", *bar, class_="bar"))
         cause = largest_on_trust(head.fit, number.error)
         lines += [element("div", f"largest on trust: {_set(cause)}", class_="more rests")] if cause else []
-    return element("div", element("div", name, class_="name"), value, *lines, class_="card")
+    return card(name, replace(shown, unit="") if number.quantity.unit == "1" else shown, lines)  # the name says it
+
+
+def card(name: str, shown: Shown, lines: Sequence[Html]) -> Html:
+    """A number with its error and interval, and further lines."""
+    error = f"\u00a0±\u00a0{typeset(shown.error)}" if shown.error.strip("-") else ""
+    unit = element("span", f"\u00a0{parts.unit_shown(shown.unit)}", class_="unit") if shown.unit else Html("")
+    value = element("div", element("b", typeset(shown.value)), error, unit, class_="value")
+    ends = f"95 %: {typeset(shown.low)} to {typeset(shown.high)}" if shown.low else ""
+    between = [element("div", ends, class_="more ends")] if ends else []
+    return element("div", element("div", name, class_="name"), value, *between, *lines, class_="card")
 
 
 def _name_of(number: KeyNumber) -> str:

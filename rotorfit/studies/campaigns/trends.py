@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from rotorfit.studies.campaigns.runs import RunFit
 
 
+LARGEST_SCATTER = 4.0
+"""Scatter about a line up to which it explains the runs, and from which single ones are looked at."""
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Trend:
     """One parameter of one group of runs against an attribute."""
@@ -73,8 +77,7 @@ class Trend:
     @property
     def far(self) -> tuple[str, ...]:
         """Runs far from where most lie, by the repeated medians of Siegel 1982, which they do not pull along."""
-        largest_scatter = 4.0  # scatter about the line from which single runs are looked at
-        if not self.scatter > largest_scatter:
+        if not self.scatter > LARGEST_SCATTER:
             return ()
         from scipy.stats import siegelslopes  # late: loading it takes longer than a trend
 
@@ -179,6 +182,14 @@ def _powers(shift: float, scale: float, degree: int) -> Float:
     return np.array([np.pad((linear**k).coef, (0, degree - k)) for k in range(degree + 1)]).T
 
 
+def common_middle(trends: Sequence[Trend]) -> float:
+    """Middle of the range that all groups cover, of the whole range where they do not overlap."""
+    low, high = max(t.x[0] for t in trends), min(t.x[-1] for t in trends)
+    if low > high:
+        low, high = min(t.x[0] for t in trends), max(t.x[-1] for t in trends)
+    return float(low + high) / 2
+
+
 def trend_table(trends: Sequence[Trend]) -> str:
     """Slopes of all trends, and the groups of a parameter compared where they were all tested."""
     if not trends:
@@ -187,11 +198,7 @@ def trend_table(trends: Sequence[Trend]) -> str:
     rows: list[list[str | Wide]] = [["parameter", "group", "against", "runs", "slope", "scatter", "at the middle"]]
     for parameter, against in dict.fromkeys((t.parameter, t.against) for t in trends):
         mine = [t for t in trends if (t.parameter, t.against) == (parameter, against)]
-        # Middle of the range that all groups cover, of the whole range where they do not overlap.
-        low, high = max(t.x[0] for t in mine), min(t.x[-1] for t in mine)
-        if low > high:
-            low, high = min(t.x[0] for t in mine), max(t.x[-1] for t in mine)
-        middle = float(low + high) / 2
+        middle = common_middle(mine)
         for t in mine:
             slope = plus_minus(t.slope.value, t.slope.stderr) if np.isfinite(t.slope.value) else "one condition"
             scatter = f"{t.scatter:.2f}" if np.isfinite(t.scatter) else "-"
