@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,19 +15,33 @@ KNOTS = 6
 
 @dataclass(frozen=True)
 class ForceShape:
-    """How the spectrum of the force may depend on frequency, beside a level of each plane."""
+    """How the spectra of force and floor may depend on frequency, beside a level of each plane."""
 
     slope: str = "white"  # white, power (one exponent), planes (one of each plane), knots
     turning: bool = False  # whether force forward and backward differ by a factor
+    floor: bool = False  # whether the floor has an exponent: where it shows too little for one, errors are not known
 
     def __str__(self) -> str:
-        return f"{self.slope}{', forward and backward apart' if self.turning else ''}"
+        turned = ", forward and backward apart" if self.turning else ""
+        return f"{self.slope}{turned}{', floor not white' if self.floor else ''}"
+
+    @property
+    def neighbours(self) -> tuple[ForceShape, ...]:
+        """Shapes that differ in frequency, of force and floor, or in the senses of turning."""
+        return tuple(
+            one
+            for one in SHAPES
+            if (one.turning == self.turning) ^ (one == replace(self, turning=one.turning))  # not in both, not in none
+        )
 
 
 SHAPES = tuple(
-    ForceShape(slope, turning) for slope in ("white", "power", "planes", "knots") for turning in (False, True)
+    ForceShape(slope, turning, floor)
+    for floor in (False, True)
+    for turning in (False, True)
+    for slope in ("white", "power", "planes", "knots")
 )
-"""Shapes that are tried, those of fewest numbers first."""
+"""All shapes, in the order in which they are tried: those that the data are most likely to tell first."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -86,34 +100,42 @@ def spectra_of(shape: ForceShape, frequency: Float, forced: int, read: int) -> t
     own = np.broadcast_to(np.eye(read), (w.size, read, read))
     # the floor's level is that at the top of the band, where it shows: its exponent then moves little else
     slope = np.broadcast_to(-(np.log(w) - np.log(high))[:, None, None] / 2, (w.size, read, 1))
+    floors = np.concatenate([own, slope], axis=-1) if shape.floor else own
     # forces that no probe tells apart are taken for independent
     tied = tuple((i, j) for i in range(forced) for j in range(i)) if read >= forced else ()
     floor = tuple((i, j) for i in range(read) for j in range(i))
     return (
         Spectrum(basis=np.concatenate(parts, axis=-1), below=tied, mirrored=back),
-        Spectrum(basis=np.concatenate([own, slope], axis=-1), below=floor, mirrored=back),
+        Spectrum(basis=floors, below=floor, mirrored=back),
     )
 
 
-def first_numbers(measured: ComplexArray, read: ComplexArray, force: Spectrum, floor: Spectrum) -> Float:
-    """Levels of force and floor to begin with: white, by medians of powers and by the quietest frequencies."""
+def first_numbers(measured: ComplexArray, read: ComplexArray, force: Spectrum, floor: Spectrum) -> tuple[Float, Float]:
+    """Levels of force and floor to begin with: white, by medians of powers and by the quietest frequencies. Beside them
+    lower bounds: nothing shows of what is less, and a search that went on would not come back."""
     n = read.shape[1]
     power = np.einsum("lii->li", measured).real
     gain = np.sum(np.abs(read) ** 2, axis=(1, 2))
     numbers = np.zeros(force.size + floor.size)
-    numbers[: read.shape[2]] = 0.5 * np.log(np.median(power.sum(axis=1) / gain))
+    levels, floors = slice(read.shape[2]), slice(force.size, force.size + n)
+    numbers[levels] = 0.5 * np.log(np.median(power.sum(axis=1) / gain))
     quiet = 0.1  # share of the lines that show little else than the floor
-    numbers[force.size : force.size + n] = 0.5 * np.log(np.quantile(power, quiet, axis=0) / 2)
-    return numbers
+    numbers[floors] = 0.5 * np.log(np.quantile(power, quiet, axis=0) / 2)
+    lower = np.full(numbers.size, -np.inf)
+    least = np.log(1e3), np.log(30.0)  # below the first: power over 1e6, of the floor, which shows, over 1e3
+    lower[levels], lower[floors] = numbers[levels] - least[0], numbers[floors] - least[1]
+    return numbers, lower
 
 
 def most_likely(
     spectra: Callable[[Float], tuple[ComplexArray, ComplexArray, ComplexArray]],
     starts: Sequence[Float],
+    lower: Float,
     measured: ComplexArray,
     nu: Float,
-) -> Float | None:
-    """Numbers of greatest likelihood, by Fisher scoring from the better of some starts; None where none gives any."""
+) -> tuple[Float, Bool] | None:
+    """Numbers of greatest likelihood, from lower bounds on, by Fisher scoring from the better of some starts, and which
+    of them rest on no bound; None where no start gives any likelihood."""
     m = measured.shape[-1]
     scale = np.sqrt(nu)[:, None, None]
 
@@ -129,22 +151,27 @@ def most_likely(
     damping, enough = 0.0, 1e9
     roughly, closely, settled = 1e-8, 1e-12, 1e-22  # promised gains over the cost: far from the data few digits will do
     with np.errstate(all="ignore"):
-        there = [(at(start), start) for start in starts]
+        there = [(at(start), start) for start in (np.maximum(start, lower) for start in starts)]
         (cost, slope, matrix), numbers = min(there, key=lambda pair: np.nan_to_num(pair[0][0], nan=np.inf))
         if not _finite(cost, slope, matrix):
             return None
         before = np.inf
         for _ in range(100):
+            free = (numbers > lower) | (slope < 0)
+            downhill = np.where(free, slope, 0.0)
             diagonal = np.maximum(np.diag(matrix), 1e-9 * np.diag(matrix).max())
-            step = -np.linalg.solve(matrix + np.diag((damping + RANK_TOLERANCE) * diagonal), slope)
-            gain, unit = -float(slope @ step), max(cost, 1.0)
+            added = (damping + RANK_TOLERANCE) * diagonal + ~free
+            inside = np.where(free[:, None] & free, matrix, 0.0) + np.diag(added)
+            step = -np.linalg.solve(inside, downhill)
+            gain, unit = -float(downhill @ step), max(cost, 1.0)
             far = cost > 2 * measured.size
             close = not damping and gain < closely * unit  # the cost has no more digits, the slope has
             if gain < (roughly if far else settled) * unit or damping > enough or (close and gain >= before):
                 break
             before = gain if close else np.inf
             step /= max(1.0, float(np.abs(step).max()) / 3.0)  # as a whole: parts of it may lead up
-            trial = numbers + step
+            trial = np.maximum(numbers + step, lower)
+            step = trial - numbers
             new = at(trial)
             down, up = -float(slope @ step), float(new[1] @ step)
             if up > down / 4:  # too far, where the data curve the likelihood more than they are expected to
@@ -155,16 +182,18 @@ def most_likely(
                 damping = damping / 10 if damping > 1e-6 else 0.0
             else:
                 damping = max(10 * damping, 1e-4)
-    return numbers
+    return numbers, (numbers > lower) | (slope < 0)
 
 
 def _finite(cost: float, slope: Float, matrix: Float) -> bool:
     return bool(np.isfinite(cost + slope.sum() + matrix.sum()))
 
 
-def following(by_theta: ComplexArray, by_numbers: ComplexArray, weight: ComplexArray, nu: Float) -> Float:
-    """What numbers of force and floor, fitted again, fall by a unit of each parameter, shape ``(K, P)``."""
+def following(by_theta: ComplexArray, by_numbers: ComplexArray, free: Bool, weight: ComplexArray, nu: Float) -> Float:
+    """What numbers of force and floor, fitted again, fall by a unit of each parameter, shape ``(K, P)``; ``free``:
+    those that rest on no bound."""
     scale = np.sqrt(nu)[:, None, None]
+    by_numbers = by_numbers * free[:, None, None, None]
     own, theirs = (_parts(scale * (weight @ some @ adjoint(weight))) for some in (by_theta, by_numbers))
     size = np.linalg.norm(theirs, axis=1)
     size = np.where(size > 0, size, 1.0)

@@ -178,11 +178,12 @@ class Asked(Protocol):
 
     @property
     def force_spectra(self) -> tuple[str, ...]:
-        """Names of what the spectrum of a force that was not measured may be, the one that is taken first."""
+        """Names of what the spectrum of a force that was not measured may be: the one that is taken, then others
+        near it."""
         return ()
 
     def with_force_spectrum(self, name: str) -> Block:
-        """The same with another of :attr:`force_spectra`.
+        """The same with another spectrum of such a force.
 
         Args:
             name: of it; none leaves the block as it is.
@@ -193,6 +194,11 @@ class Asked(Protocol):
     def own_unknowns(self) -> int:
         """Numbers that are fitted inside for every parameter vector."""
         return 0
+
+    @property
+    def own_believable(self) -> bool:
+        """False where one of these numbers came out as it cannot be."""
+        return True
 
     def doubts(self, predicted: ComplexArray) -> Iterator[tuple[str, str]]:
         """What its readings show that its model does not hold: codes and sentences.

@@ -104,7 +104,7 @@ class OperatingSpectra(Observed):
     @property
     def force_spectra(self) -> tuple[str, ...]:
         """See :class:`~rotorfit.estimators.blocks.observations.Asked`: one slope for all planes where there is one."""
-        others = (one for one in SHAPES if one != self.shape and (one.slope != "planes" or len(self.model.planes) > 1))
+        others = (one for one in self.shape.neighbours if one.slope != "planes" or len(self.model.planes) > 1)
         return tuple(map(str, (self.shape, *others)))
 
     def with_force_spectrum(self, name: str) -> OperatingSpectra:
@@ -117,6 +117,17 @@ class OperatingSpectra(Observed):
     def own_unknowns(self) -> int:
         """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
         return sum(part.size for cells in self._cells for part in self._spectra(cells))
+
+    @property
+    def own_believable(self) -> bool:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`: probes' noise is white or falls with frequency.
+        Where the floor hardly shows, an exponent that is fitted becomes any number."""
+        if not self.shape.floor:
+            return True
+        steepest, found = 3.0, self.found.items()
+        places = [self._spectra(self._cells[number])[0].size + self.coordinate.size for number, _ in found]
+        exponents = [one.numbers[place] for (_, one), place in zip(found, places, strict=True)]
+        return len(exponents) == len(self._cells) and all(0 <= exponent <= steepest for exponent in exponents)
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -133,11 +144,17 @@ class OperatingSpectra(Observed):
         inside = unpacked(self.weighed(predicted).unmixed(predicted - self.measured), self.m)  # sqrt(nu) (1 - ratio)
         neighbours, large, beyond = 20, 1.4, 4.0  # cells of a band; mean square; standard deviations. Good fits: 1.25
         n = self.m // 2
-        for cells in self._cells:
+        for number, cells in enumerate(self._cells):
             own = -np.einsum("cii->c", inside[cells]).real / np.sqrt(self.m)
             bands = own[: own.size // neighbours * neighbours].reshape(-1, neighbours).sum(axis=1)
             size = float(np.mean(bands**2) / neighbours) if bands.size else 1.0
             rpm = self.speed[cells[0]] * RPM_PER_RAD_S
+            if number not in self.found:
+                yield (
+                    "floor-unseen",
+                    f"at {rpm:.0f} rpm the floor of the readings, or the force on a plane, does not show: none was "
+                    "taken, and errors hold only if there is none. Take a band that reaches higher (band_hz=)",
+                )
             if size > large:
                 worst = int(np.argmax(np.abs(bands))) * neighbours
                 low, high = self.frequency[cells[[worst, worst + neighbours - 1]]] / (2 * np.pi)
@@ -322,12 +339,14 @@ class OperatingSpectra(Observed):
             rest, by_rest = floor.values(numbers[force.size :])
             return read @ own @ read_back + rest, np.concatenate([read @ by_own @ read_back, by_rest]), own
 
-        starts = [first_numbers(measured, read, force, floor)]
+        first, lower = first_numbers(measured, read, force, floor)
+        starts = [first]
         if number in self.found:
             starts.append(self.found[number].at(theta[self.group[cells[0]]]))
-        fitted = most_likely(spectra, starts, measured, nu)
-        if fitted is None:
+        found = most_likely(spectra, starts, lower, measured, nu)
+        if found is None:
             return np.full(whole.shape, complex(np.nan)), np.zeros((0, *whole.shape), dtype=complex)
+        fitted, free = found
         S, by_numbers, own = spectra(fitted)
         by_theta = np.zeros((theta.shape[-1] if terms else 0, *S.shape), dtype=complex)
         follow = np.zeros((fitted.size, theta.shape[-1]))
@@ -336,9 +355,11 @@ class OperatingSpectra(Observed):
             for place, slope in terms:
                 change = -(H[:, self.coordinate] @ slope @ R)
                 by_theta[place] = change + adjoint(change)
-            follow = following(by_theta, by_numbers, inverse_root(S), nu)
+            follow = following(by_theta, by_numbers, free, inverse_root(S), nu)
             by_theta -= np.tensordot(follow.T, by_numbers, 1)
-        self.found[number] = _Found(theta=theta[self.group[cells[0]]].copy(), numbers=fitted, follow=follow)
+        self.found.pop(number, None)
+        if free.all():  # from a bound a search may not come back
+            self.found[number] = _Found(theta=theta[self.group[cells[0]]].copy(), numbers=fitted, follow=follow)
         return _both_ways(S), _both_ways(by_theta)
 
 

@@ -34,11 +34,11 @@ def start_by_poles(problem: Problem, others: Sequence[Float]) -> Start:
     with_poles = replace(problem, blocks=tuple(map(_with_poles, problem.blocks)))
     begin = np.array([*(full_vector(problem, x) for x in others), *random_starts(problem, _STARTS)])
     x = short_fits(with_poles, begin).x
-    cost = np.nan_to_num([problem.cost(end) for end in x], nan=np.inf)
+    cost = np.array([problem.cost(end) for end in x])
     for _ in range(4):  # rotors that a mode which was not seen makes unstable: nearer to where they came from
         lost = ~np.isfinite(cost)
         x[lost] = (x[lost] + begin[lost]) / 2
-        cost[lost] = np.nan_to_num([problem.cost(end) for end in x[lost]], nan=np.inf)
+        cost[lost] = [problem.cost(end) for end in x[lost]]
     followed = [k for k in np.argsort(cost, kind="stable")[:_FOLLOWED].tolist() if np.isfinite(cost[k])]
     if not followed:
         raise ValueError(
@@ -50,7 +50,7 @@ def start_by_poles(problem: Problem, others: Sequence[Float]) -> Start:
         minimise(problem, x[k], lower=low, upper=high, scale=search_scale(space, x[k]), options=_SHORT)
         for k in followed
     )
-    return Start(x=min(ends, key=lambda fit: fit.cost).x[:size], kind=POLES)
+    return Start(x=min(ends, key=lambda fit: np.nan_to_num(fit.cost, nan=np.inf)).x[:size], kind=POLES)
 
 
 def _with_poles(block: Block) -> Block:

@@ -59,6 +59,17 @@ def test_a_rotor_that_is_not_stable_has_no_spectra(test: rf.OperatingTest) -> No
     assert not np.isfinite(problem.cost(mirror))
 
 
+def test_the_profile_does_not_depend_on_the_way_there() -> None:
+    """A floor that a rotor far away does without is found again, and with it the errors of the rotor."""
+    quiet = recorded(MODEL, ONE_MODE, np.array([200.0]), minutes=3, seed=1, floor=42.0)
+    problem, fresh = (build_problem(MODEL, quiet, FitSettings(known=KNOWN, causes=None)) for _ in range(2))
+    truth = np.array([ONE_MODE[name] for name in problem.space.names])
+    for far in ([1000.0, 400.0, 0.4, -0.5], [8000.0, 400.0, 0.4, -0.5], [3000.0, 250.0, 0.38, -0.6]):
+        problem.gauss_newton(np.array(far))  # K0, D, lam, Mf
+        assert problem.cost(truth) == pytest.approx(fresh.cost(truth), rel=1e-9)
+    np.testing.assert_allclose(problem.gauss_newton(truth)[2], fresh.gauss_newton(truth)[2], rtol=1e-5)
+
+
 def test_the_spectrum_of_the_force_is_chosen_and_kept(test: rf.OperatingTest, tmp_path: Path) -> None:
     assert rf.fit(MODEL, test, known=KNOWN, causes=None).settings.force_spectrum == "white"
     red = replace(test, power=test.power * (2 * np.pi * 10 / test.frequency))  # force and floor fall as 1/f

@@ -229,14 +229,19 @@ def _solved(model: RotorModel, experiments: tuple[Experiment, ...], settings: Fi
 
 
 def _best_force_spectrum(solved: _Solved, options: Options) -> _Solved:
-    """The solution with the spectrum of least BIC of a force that was not measured; each is tried from the best."""
-    problem, start, _ = solved
-    names = tuple(dict.fromkeys(name for block in problem.blocks for name in block.force_spectra))
-    for name in names[1:]:
-        blocks = tuple(block.with_force_spectrum(name if block.force_spectra else "") for block in problem.blocks)
-        other = replace(problem, blocks=blocks)
-        solved = min(solved, (other, start, solve(other, solved[2].x, options)), key=_bic)
-    return solved
+    """The solution with the spectrum of least BIC of a force that was not measured: step by step to the best of those
+    near it, each tried from the best solution before."""
+    tried: set[str] = set()
+    while True:
+        problem, start, _ = best = solved
+        names = dict.fromkeys(name for block in problem.blocks for name in block.force_spectra)
+        for name in [name for name in names if name not in {*tried, _spectrum_of(problem)}]:
+            blocks = tuple(block.with_force_spectrum(name if block.force_spectra else "") for block in problem.blocks)
+            other = replace(problem, blocks=blocks)
+            best = min((best, (other, start, solve(other, best[2].x, options))), key=_bic)
+        if best is solved:
+            return solved
+        tried, solved = tried | set(names), best
 
 
 def _spectrum_of(problem: Problem) -> str:
@@ -250,10 +255,12 @@ def _is_minimum(solution: Solution) -> bool:
 
 
 def _bic(solved: _Solved) -> tuple[bool, float]:
-    """What tells the better of two solved problems of the same readings: whether it has a minimum, and its BIC."""
+    """What tells the better of two solved problems of the same readings: whether it has a minimum that can be, and its
+    BIC."""
     problem, _, solution = solved
+    sound = _is_minimum(solution) and all(block.own_believable for block in problem.blocks)
     unknowns = problem.space.size + sum(block.own_unknowns for block in problem.blocks)
-    return not _is_minimum(solution), 2 * solution.cost + unknowns * float(np.log(problem.n_data))
+    return not sound, 2 * solution.cost + unknowns * float(np.log(problem.n_data))
 
 
 def judged(
