@@ -9,6 +9,7 @@ from rotorfit.models.laws import LAWS, Collapse, Constant, EvenPolynomial, Law, 
 from rotorfit.models.lumped import Anisotropic, Chain, OneMode, Overhung, TwoDisk, WhirlWhip
 from rotorfit.models.modal import Modal
 from rotorfit.models.model import Coordinate, RotorModel
+from rotorfit.models.motion.modes import ModePairs, mode_pairs
 from rotorfit.models.motion.stability import Threshold, eigenvalues, threshold_speed
 from rotorfit.models.motion.whirl import WhirlBranch, whirl_branch
 from rotorfit.models.orthotropic import Orthotropic
@@ -28,10 +29,10 @@ MODELS: dict[str, type[RotorModel]] = {
 __all__ = [
     "BLOCKS", "LAWS", "MODELS", "ROSS_4", "ROSS_6", "Anisotropic", "AnisotropicShaft", "Chain", "ChainFromModes",
     "Collapse", "Constant", "Coordinate", "EvenPolynomial", "FluidForce", "HarmonicSet", "KnownStructure", "Law",
-    "LinearInSpeed", "Modal", "MonotoneSpline", "Muszynska", "OneMode", "Orthotropic", "Overhung", "Parameter",
-    "PlaneFluid", "RotorModel", "Threshold", "Turning", "TurningFrame", "TurningOnSupports", "TwoDisk", "WhirlBranch",
-    "WhirlWhip", "chain_from_modes", "chain_modes", "eigenvalues", "fluid_force", "fluids_of", "harmonic_set",
-    "threshold_speed", "unstable_bands", "whirl_branch",
+    "LinearInSpeed", "Modal", "ModePairs", "MonotoneSpline", "Muszynska", "OneMode", "Orthotropic", "Overhung",
+    "Parameter", "PlaneFluid", "RotorModel", "Threshold", "Turning", "TurningFrame", "TurningOnSupports", "TwoDisk",
+    "WhirlBranch", "WhirlWhip", "chain_from_modes", "chain_modes", "eigenvalues", "fluid_force", "fluids_of",
+    "harmonic_set", "mode_pairs", "threshold_speed", "unstable_bands", "whirl_branch",
 ]  # fmt: skip
 
 

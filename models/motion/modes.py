@@ -49,6 +49,49 @@ def vibration_modes(model: RotorModel, theta: Float, speed: float, *, normalised
     return found
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ModePairs:
+    """Eigenvalues with left and right modes, scaled so that the receptance is ``sum of right left^T / (j w - s)``.
+
+    A right mode is the deflection that a probe sees; a left mode says how much a force at each coordinate drives it.
+
+    Attributes:
+        s: eigenvalues, 1/s, shape ``(m,)``.
+        left: left modes, row by row, shape ``(m, n)``.
+        right: right modes, row by row, shape ``(m, n)``.
+    """
+
+    s: ComplexArray
+    left: ComplexArray
+    right: ComplexArray
+
+
+def mode_pairs(model: RotorModel, theta: Float, speed: float) -> ModePairs:
+    """Left and right modes of a rotor at a speed; those of different eigenvalues are biorthogonal (Lancaster 1966),
+    ``left_i (kappa(s_i) - kappa(s_j)) right_j = 0``. In ``z = x + jy`` isotropic fluids and gyroscopic moments leave
+    matrices symmetric, and the two are one but for a factor; modal correction factors, and cross-coupling of x and y,
+    make them differ: where a mode is best driven is then not where it is best seen.
+
+    Args:
+        model: the rotor; its modes have different eigenvalues.
+        theta: parameter vector, shape ``(P,)``.
+        speed: rotative speed, rad/s.
+
+    Example:
+        >>> rotor = rf.models.OneMode()
+        >>> values = {"M": 2.0, "K": 1e5, "Ds": 50.0, "K0": 0.0, "D": 0.0, "lam": 0.0, "Mf": 0.0}
+        >>> pairs = rf.models.mode_pairs(rotor, rotor.vector(values), 100.0)
+        >>> pairs.s.round(1).tolist()
+        [(-12.5-223.3j), (-12.5+223.3j)]
+    """
+    coefficients = model.motion(theta, speed)
+    s = eigenvalues(model, theta, speed)
+    s = s[np.isfinite(s)]
+    left, right, slope = mode_vectors(coefficients, s)
+    places = seats(model)
+    return ModePairs(s=s, left=(left / slope[:, None])[:, places], right=right[:, places])
+
+
 def is_passive(model: RotorModel, coefficients: ComplexArray) -> bool:
     """True if stiffness and mass are real and symmetric: modes are real, and share what each has of either."""
     n = len(model.planes)
