@@ -6,7 +6,7 @@ started from the latter. Bias, variance and root-mean-square error of each param
 Cramer-Rao bound. Exit status 1 says that an optimised estimate missed the bound where the noise is small
 enough for it to apply, or that at 1 % noise or less one was not the optimum found from the true parameters.
 
-    python benchmarks/closed_form_vs_optimised.py --pays 200
+    python benchmarks/closed_form_vs_optimised.py
     python benchmarks/closed_form_vs_optimised.py --models one-mode whirl-whip --levels 0.01 --draws 10000 \
         --within 0.05 --name variance_10000
 """
@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
 from nonlinearity import second_order
-from optimising_pays import Pay, pay_table, situations, study_pay
 from reporting import RESULTS, environment, table, write_csv
 from rigs import RIGS, Rig, true_vector, with_noise
 
@@ -184,7 +183,7 @@ def misses(rows: Iterable[Row], within: float | None) -> list[Row]:
 # ---- output ------------------------------------------------------------------------------------------------
 
 
-def write_markdown(rows: Sequence[Row], pays: Sequence[Pay], path: Path, command: str) -> None:
+def write_markdown(rows: Sequence[Row], path: Path, command: str) -> None:
     cases = list(dict.fromkeys((row.model, row.noise_percent) for row in rows))
     text = [
         "# Closed form against optimised",
@@ -193,7 +192,6 @@ def write_markdown(rows: Sequence[Row], pays: Sequence[Pay], path: Path, command
         "",
         *_overview(rows, cases),
         "",
-        *(pay_table(pays) if pays else []),
         *_where_the_bound_applies(rows, cases),
         "",
         *_parameters(rows),
@@ -298,7 +296,6 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--models", nargs="+", choices=list(RIGS), default=list(RIGS))
     parser.add_argument("--levels", nargs="+", type=float, default=list(LEVELS), help="noise over rms response")
     parser.add_argument("--draws", type=int, default=1000)
-    parser.add_argument("--pays", type=int, default=0, help="draws of each test where optimising may pay")
     parser.add_argument("--lines", type=int, default=200, help="signed frequencies in each sweep")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--within", type=float, help="variance over bound allowed to differ from 1 by this, everywhere")
@@ -324,13 +321,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     note = "bias, rmse: over the Cramer-Rao bound; variance: over its square"
     write_csv(rows, options.out / f"{options.name}.csv", command, environment(*PACKAGES), note)
-    pays = [
-        row
-        for number, case in enumerate(situations())
-        if options.pays
-        for row in study_pay(case, options.pays, options.seed * 10_000 + number)
-    ]
-    write_markdown(rows, pays, options.out / f"{options.name}.md", command)
+    write_markdown(rows, options.out / f"{options.name}.md", command)
     if len(options.levels) > 1:
         draw_figure(rows, options.out / f"{options.name}.png")
     missed = misses(rows, options.within)

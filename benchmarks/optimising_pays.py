@@ -1,18 +1,27 @@
 """Where optimising pays against the closed form: one rotor in tests of many kinds, errors and intervals of both.
 
-Each test is made with known values and noise of its own, from the equation written in closed_form_vs_optimised's rigs,
-and identified by ``rf.closed_form``, by ``rf.fit(causes=None)`` and, where causes act, by ``rf.fit`` with its causes.
+Each test is made with known values and noise of its own, on the rigs of ``rigs.py``, and identified by
+``rf.closed_form``, by ``rf.fit(causes=None)`` and, where causes act, by ``rf.fit`` with its causes.
+
+    python benchmarks/optimising_pays.py
 """
 
 from __future__ import annotations
 
+import argparse
+import sys
 import time
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from reporting import table
+
+sys.path.insert(0, str(Path(__file__).parent))
+from reporting import RESULTS, environment, table
 from rigs import RIGS, Rig
 
 import rotorfit as rf
@@ -117,19 +126,28 @@ def _free_beta() -> Situation:
     return Situation(name="a factor of a probe free (beta2)", model=rig.model, truth=rig.truth, made=made, known=known)
 
 
-def _law() -> Situation:
-    rotor = OneMode(law=Muszynska(), clearance_um=200)
-    truth = {**RIGS["one-mode"].truth, "n_K": 1.5, "n_D": 1.0, "b": 0.4}
-    rpm = np.r_[-2000:-199:225, 200:2001:225].tolist()
-    exact = rf.simulate(rotor, truth, speed_rpm=[1200, 1600], frequency_rpm=rpm, force=[0.2, 1.0, 2.0], noise=0.0)
-    sigma = 0.01 * float(np.sqrt(np.mean(np.abs(exact.response) ** 2)))
+LAW_RIG = OneMode(law=Muszynska(), clearance_um=200)
+LAW_TRUTH = {**RIGS["one-mode"].truth, "n_K": 1.5, "n_D": 1.0, "b": 0.4}
 
+
+@cache
+def _sweeps_with_law() -> rf.PerturbationTest:
+    """Integrated in time, without noise."""
+    rpm = np.r_[-2000:-199:225, 200:2001:225].tolist()
+    forces = {"speed_rpm": [1200, 1600], "frequency_rpm": rpm, "force": [0.2, 1.0, 2.0]}
+    return rf.simulate(LAW_RIG, LAW_TRUTH, **forces, noise=0.0)
+
+
+def _law() -> Situation:
     def made(rng: np.random.Generator) -> rf.PerturbationTest:
+        exact = _sweeps_with_law()
+        sigma = 0.01 * float(np.sqrt(np.mean(np.abs(exact.response) ** 2)))
         noise = sigma * (rng.normal(size=(2, exact.run.size)).T @ [1, 1j])
         return replace(exact, response=exact.response + noise, sigma=np.full(exact.run.size, sigma))
 
-    known = {name: truth[name] for name in ("K", "Ds")}
-    return Situation(name="a law of eccentricity, orbits up to half", model=rotor, truth=truth, made=made, known=known)
+    known = {name: LAW_TRUTH[name] for name in ("K", "Ds")}
+    name = "a law of eccentricity, orbits up to half"
+    return Situation(name=name, model=LAW_RIG, truth=LAW_TRUTH, made=made, known=known)
 
 
 def _estimate(estimator: str, case: Situation, test: rf.PerturbationTest) -> rf.FitResult:
@@ -152,7 +170,7 @@ def study_pay(case: Situation, draws: int, seed: int) -> list[Pay]:
             except ClosedFormError:
                 failures += 1
                 continue
-            names = fit.var_names
+            names = [name for name in case.truth if fit.params[name].vary]
             errors.append([fit.params[name].value - case.truth[name] for name in names])
             if estimator == PAPER:  # which has no errors
                 continue
@@ -183,16 +201,18 @@ def _rms(errors: Float) -> Float:
     return np.asarray(np.sqrt(np.mean(np.square(errors), axis=0)))
 
 
-def pay_table(rows: Sequence[Pay]) -> list[str]:
-    """The section of the results."""
+def pay_table(rows: Sequence[Pay], command: str) -> str:
+    """The results as Markdown."""
     cells = []
     for row in rows:
         ratio = f"{row.rmse:.2f} ({row.worst:.2f})"
         covered = "" if np.isnan(row.covered) else f"{row.covered:.1f} %"
         numbers = [ratio, covered] if row.failures < row.draws else ["none", ""]
         cells.append([row.situation, row.estimator, *numbers, f"{row.milliseconds:.0f}", str(row.failures)])
-    return [
-        "## Where optimising pays",
+    lines = [
+        "# Where optimising pays",
+        "",
+        f"Made by `{command}` ({environment('numpy', 'scipy', 'casadi')}).",
         "",
         f"{rows[0].draws} draws of each kind of test, through `rf.closed_form` and `rf.fit(causes=None)`; where causes "
         "act, through `rf.fit` with its causes too. RMSE over that of the optimised estimate, median over the "
@@ -201,5 +221,24 @@ def pay_table(rows: Sequence[Pay]) -> list[str]:
         "of the law one-mode, that of the factor two-disk.",
         "",
         *table(["test", "estimator", "RMSE", "covered", "ms", "none"], cells),
-        "",
     ]
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--draws", type=int, default=100)
+    parser.add_argument("--out", type=Path, default=RESULTS)
+    options = parser.parse_args()
+    rows: list[Pay] = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", rf.DataWarning)
+        for seed, case in enumerate(situations()):
+            rows += study_pay(case, options.draws, seed)
+            print(f"{case.name}: {rows[-1].covered:.1f} % covered", flush=True)
+    command = " ".join(["python benchmarks/optimising_pays.py", *sys.argv[1:]])
+    (options.out / "optimising_pays.md").write_text(pay_table(rows, command), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

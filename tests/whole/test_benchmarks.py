@@ -75,6 +75,20 @@ def test_closed_form_states_its_error(rigs, name):
     np.testing.assert_allclose(np.sqrt(np.diag(covar)), expected, rtol=0.02)
 
 
+def test_where_optimising_pays_is_measured():
+    """Without a probe at the disk there is no closed form; where causes act, only their solution holds the truth."""
+    from optimising_pays import CLOSED, JOINT, PAPER, PLAIN, situations, study_pay
+
+    cases = {case.name: case for case in situations()}
+    missing = {row.estimator: row for row in study_pay(cases["a plane without a probe: the disk"], 1, 1)}
+    assert missing[CLOSED].failures == missing[PAPER].failures == 1
+    assert missing[PLAIN].failures == 0
+    caused = {row.estimator: row for row in study_pay(next(c for c in cases.values() if c.caused), 6, 1)}
+    assert set(caused) == {PAPER, CLOSED, PLAIN, JOINT}
+    assert caused[JOINT].covered > 90
+    assert max(caused[PLAIN].covered, caused[CLOSED].covered) < 60
+
+
 @pytest.mark.slow
 def test_misses_are_reported(rigs):
     """The benchmark's verdict turns on an estimator whose variance is twice what it should be."""
