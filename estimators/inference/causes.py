@@ -504,7 +504,8 @@ class Cause:
 
 
 def with_causes(problem: Problem, x: Float, causes: Sequence[Cause], sizes: Float) -> Problem:
-    """The problem with causes of given sizes in its predictions: in full for linear rotors, else to first order."""
+    """The problem with causes of given sizes in its predictions: in full those of readings, and for linear rotors all,
+    else to first order."""
     if not sizes.any():
         return problem
     theta = problem.space.theta(x)
@@ -518,7 +519,10 @@ def block_with_causes(block: Block, theta: Float, causes: Sequence[Cause], sizes
     acting = [(one.act, size) for one, size in zip(causes, sizes.tolist(), strict=True) if size]
     base = motion.linear
     if base is None or base is not block:
-        moved = sum((size * act.change(motion) for act, size in acting), 0j)
+        factors = [act.in_full(motion, size) for act, size in acting]
+        others = [size * act.change(motion) for (act, size), own in zip(acting, factors, strict=True) if own is None]
+        gain = np.exp(sum((own for own in factors if own is not None), 0j))
+        moved = gain * (motion.predicted + sum(others, 0j)) - motion.predicted
         return block.with_measured(block.measured - moved)
     found = _values_with(base, acting)
     rotor, values = found.own, found.values(theta)

@@ -107,6 +107,14 @@ def test_a_cause_that_no_test_of_the_kind_shows_is_in_the_interval(row: str) -> 
     assert_held(drawn(row, 6), 0.9)
 
 
+def test_factors_of_readings_act_in_full_on_rotors_that_are_not_linear() -> None:
+    """To first order AC coupling of 0.5 Hz, a third of the lowest frequency, left redchi above 2 and missed values."""
+    found = drawn("law of eccentricity, AC coupling 0.5 Hz", 4)
+    assert_held(found, 0.95)
+    assert all(one.redchi < 1.3 for one in found)
+    assert (ratios(found) < 1).all()
+
+
 @pytest.mark.parametrize("kind", slow_but(["one mode", "disk and journal"], "one mode"))
 def test_differences_of_four_runs_are_given_to_no_cause(kind: str) -> None:
     """Two speeds, two directions: what runs differ by looks like a value that changes with speed, or an angle."""
