@@ -79,6 +79,15 @@ class OrbitResponses(OnResponses):
         eps = np.where(np.isfinite(self.eccentricity), self.eccentricity, 0.0)
         return self.lines(eps <= max(limit, float(np.median(eps)))).base
 
+    def at_speeds(self, factor: float) -> OrbitResponses:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return replace(self, base=self.base.at_speeds(factor))
+
+    @property
+    def apart(self) -> OrbitResponses:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return replace(self, base=replace(self.base, group=self.base.condition[0]))
+
     def in_clearance(self, factor: float) -> OrbitResponses:
         """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
         base = replace(self.base, model=resized(self.model, factor))

@@ -59,8 +59,13 @@ class Asked(Protocol):
         base = self.linear
         return np.zeros(0, dtype=complex) if base is None else motion[base.line, base.coordinate]
 
+    @property
+    def apart(self) -> Block | None:
+        """The same with each (group, speed) a group of its own; None for blocks whose values causes do not change."""
+        return None
+
     def at_speeds(self, factor: float) -> Block:
-        """The same with speeds of a linear rotor so many times as fast."""
+        """The same with speeds so many times as fast."""
         return self  # type: ignore[return-value]
 
     def lines(self, keep: Bool) -> Block | None:

@@ -291,11 +291,11 @@ class OfValues(Act):
 
     def change(self, motion: Motion) -> ComplexArray:
         """See :class:`Act`."""
-        base, own = motion.base, motion.linear
-        if own is None or base is None:
+        base = motion.base
+        if base is None:
             return np.zeros(motion.block.measured.size, dtype=complex)
         index, group, _ = base.condition
-        found = self.changed(base.model, own.condition[2])
+        found = self.changed(base.model, (motion.linear or base).condition[2])
         if found is None:
             return np.zeros(base.line.size, dtype=complex)
         by_unit = motion.theta[group] * found[0] + found[1]
@@ -343,7 +343,7 @@ class OfLines(Act):
 
     def change(self, motion: Motion) -> ComplexArray:
         """See :class:`Act`."""
-        base = motion.linear
+        base = motion.linear or motion.base
         if base is None:
             return np.zeros(motion.block.measured.size, dtype=complex)
         place = base.model.parameter_names.index(self.name)
@@ -360,7 +360,8 @@ class Drifting(OfLines):
 
     def share(self, base: Responses, theta: Float) -> Float:
         """See :class:`OfLines`."""
-        return np.asarray((np.abs(base.frequency) - self.middle) / self.half)
+        along = (np.abs(base.frequency) - self.middle) / self.half
+        return np.where(base.frequency != 0, along, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -463,7 +464,7 @@ class SpeedLabel(Act):
     def change(self, motion: Motion) -> ComplexArray:
         """See :class:`Act`."""
         block = motion.block
-        if motion.linear is None:
+        if motion.base is None:
             return np.zeros(block.measured.size, dtype=complex)
         up, down = (block.at_speeds(1 + way * _STEP).predict(motion.theta) for way in (1, -1))
         return np.asarray((up - down) / (2 * _STEP))
@@ -519,10 +520,11 @@ def block_with_causes(block: Block, theta: Float, causes: Sequence[Cause], sizes
     acting = [(one.act, size) for one, size in zip(causes, sizes.tolist(), strict=True) if size]
     base = motion.linear
     if base is None or base is not block:
-        factors = [act.in_full(motion, size) for act, size in acting]
-        others = [size * act.change(motion) for (act, size), own in zip(acting, factors, strict=True) if own is None]
+        whole, rest = _with_values(motion, acting)
+        factors = [act.in_full(motion, size) for act, size in rest]
+        others = [size * act.change(motion) for (act, size), own in zip(rest, factors, strict=True) if own is None]
         gain = np.exp(sum((own for own in factors if own is not None), 0j))
-        moved = gain * (motion.predicted + sum(others, 0j)) - motion.predicted
+        moved = gain * (whole + sum(others, 0j)) - motion.predicted
         return block.with_measured(block.measured - moved)
     found = _values_with(base, acting)
     rotor, values = found.own, found.values(theta)
@@ -547,6 +549,22 @@ def block_with_causes(block: Block, theta: Float, causes: Sequence[Cause], sizes
     gain = np.exp(np.sum(logarithms, axis=0)) if logarithms else found.gain
     corner = sum(size for act, size in acting if isinstance(act, OfReadings) and act.how == "high-pass")
     return found.with_readings(moved=moved, gain=gain, corner=corner)
+
+
+def _with_values(
+    motion: Motion, acting: Sequence[tuple[Act, float]]
+) -> tuple[ComplexArray, Sequence[tuple[Act, float]]]:
+    """Predictions of a rotor that is not linear with the true speeds and values, in full, and the other acts."""
+    base, apart = motion.base, motion.block.apart
+    if base is None or apart is None:
+        return motion.predicted, acting
+    _, group, speed = base.condition
+    label = sum(size for act, size in acting if isinstance(act, SpeedLabel))
+    changes = [(size, change) for act, size in acting if (change := act.changed(base.model, speed)) is not None]
+    values = motion.theta[group] * (1 + sum((size * change[0] for size, change in changes), np.zeros(1)))
+    values = values + sum((size * change[1] for size, change in changes), np.zeros(1))
+    rest = [(act, size) for act, size in acting if not isinstance(act, SpeedLabel | OfValues)]
+    return apart.at_speeds(1 + label).predict(values), rest
 
 
 def _values_with(block: Responses, acting: Sequence[tuple[Act, float]]) -> CausedResponses:

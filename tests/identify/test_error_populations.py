@@ -107,6 +107,14 @@ def test_a_cause_that_no_test_of_the_kind_shows_is_in_the_interval(row: str) -> 
     assert_held(drawn(row, 6), 0.9)
 
 
+def test_values_that_change_with_speed_are_causes_of_laws_as_well() -> None:
+    """Without them the threshold had a third of the interval, and missed by ten times its error."""
+    found = drawn("law of eccentricity, 2 speeds, both directions, all at 1", 4)
+    assert_held(found, 0.9)
+    assert (ratios(found) < 2).all()  # of four rigs a root mean square exceeds that once in a thousand
+    assert half_widths(found)["threshold"] < 0.01
+
+
 def test_factors_of_readings_act_in_full_on_rotors_that_are_not_linear() -> None:
     """To first order AC coupling of 0.5 Hz, a third of the lowest frequency, left redchi above 2 and missed values."""
     found = drawn("law of eccentricity, AC coupling 0.5 Hz", 4)

@@ -162,6 +162,8 @@ class _Rig:
             yield from self._fluid()
             yield from self._places()
             yield from self._beyond()
+        elif self.model.eccentricity_dependent and self.model.frame == "z" and self.blocks:
+            yield from self._fluid()
 
     # ---- values taken as known -------------------------------------------------------------------------------------
 
@@ -336,11 +338,12 @@ class _Rig:
         """Values of the fluid that change with speed and along a sweep, speeds that are off, and a force that lags."""
         model, names = self.model, set(self.model.parameter_names)
         seats = fluid_coordinates(model)
-        speeds = np.unique(np.abs(np.concatenate([b.set_speed for b in self.linear])))
-        start_ups = all(once_per_turn(b.frequency, b.speed).all() for b in self.linear)
+        tests = self.linear or self.blocks
+        speeds = np.unique(np.abs(np.concatenate([b.set_speed for b in tests])))
+        start_ups = all(once_per_turn(b.frequency, b.speed).all() for b in tests)
         if model.speed_dependent and speeds.any() and not start_ups:
             # Of labels all lines of a run have one; what differs from line to line was counted.
-            counted = not any(np.array_equal(b.speed, b.set_speed) for b in self.linear)
+            counted = not any(np.array_equal(b.speed, b.set_speed) for b in tests)
             usual = SIZES["speed label[counted]" if counted else "speed label"]
             yield _cause("speed label", "share by which all speeds are off", SpeedLabel(), usual)
         if not seats:
@@ -383,7 +386,8 @@ class _Rig:
             rest = Resting(name=D, times=3.0)  # of a short bearing
             yield _cause(f"rest[{plane}]", meaning, rest, SIZES["rest"], positive=True)
         has_ratio = {f"lam{ending}", f"lam_D{ending}"} & names
-        if {f"D{ending}", f"Mf{ending}"} <= names and has_ratio and f"Mf{ending}" in self.fitted:
+        lags = {f"D{ending}", f"Mf{ending}"} <= names and has_ratio and f"Mf{ending}" in self.fitted
+        if lags and self.linear:
             act_lag = Lag(entries=tuple((at, at, 1.0) for at in here), ending=ending)
             meaning = f"time by which the fluid's damping force lags, which Mf{ending} takes up"
             yield _cause(f"lag{where}", meaning, act_lag, SIZES["lag"], times=1 / self.top, unit="s", positive=True)
