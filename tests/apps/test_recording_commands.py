@@ -81,7 +81,7 @@ def test_look_says_and_draws_what_there_is(tmp_path: Path, capsys: pytest.Captur
     said = capsys.readouterr().out
     assert "run: 4.000 s at 3200 Hz, 4 channels" in said
     assert "shaft        1200.0 to 1200.0 rpm, 80 pulses" in said
-    assert "m r = 2e-5 kg m at disk, forward with the perturbator, 40.0 deg ahead of the mark" in said
+    assert "m r = 20 g mm at disk, forward with the perturbator, 40.0 deg ahead of the mark" in said
     assert "nothing odd was found" in said
     names = {"cascade_disk" if name == "cascade" else name for name in FIGURES}
     assert {file.name for file in out.iterdir()} == {f"{name}.png" for name in names} | {"summary.txt", CONTENTS}

@@ -161,11 +161,11 @@ class Tab:
         return str(self.wait(lambda: words in (text := self.text()) and text, repr(words), seconds))
 
     def settle(self, seconds: float = 1.5) -> None:
-        """Wait until the page has kept its height for some time: nothing moves any more."""
+        """Wait until the page and what scrolls in it have kept their height for some time: nothing moves any more."""
         heights = [-1, 0]
         while heights[-1] != heights[-2]:
             time.sleep(seconds)
-            heights.append(int(self.run("document.documentElement.scrollHeight")))
+            heights.append(int(self.run("Math.max(...findAll('*').map(e => e.scrollHeight))")))
 
     def place(self, selector: str, words: str = "", number: int = 0) -> tuple[float, float, float, float]:
         """Left, top, width and height of an element in the window, scrolled to where it can be seen."""

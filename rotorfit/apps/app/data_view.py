@@ -12,6 +12,7 @@ from bokeh.models import ColumnDataSource, HoverTool
 
 from rotorfit.apps.app import parts
 from rotorfit.apps.app.forms import SetupForm, read_form
+from rotorfit.apps.app.results import finding_parts
 from rotorfit.apps.app.session import entry_table
 from rotorfit.apps.app.signals import SignalsView
 from rotorfit.apps.app.work import read
@@ -48,7 +49,8 @@ class DataView:
         for number, (test, findings) in enumerate(zip(self._session.experiments, self._session.findings, strict=True)):
             words = [line for line in describe_test(test, ()).splitlines() if "check: " not in line]
             listed.append(parts.markup(element("pre", "\n".join(words))))
-            listed += [parts.markup(parts.finding_words(found)) for found in findings]
+            undo = self._page.undo_in_data
+            listed += [part for found in findings for part in finding_parts(found, undo, "Undo this in the data")]
             if not findings:
                 listed.append(parts.message("The check of the data found nothing.", "good"))
             listed.append(self._readings(number))
@@ -96,7 +98,7 @@ class DataView:
         if not raw:
             return []
         try:
-            setup = [SetupForm(self._page, self._session.folder.path(raw[0])).card]
+            setup = [SetupForm(self._page, [self._session.folder.path(name) for name in raw]).card]
         except (ValueError, OSError):  # the file itself cannot be read, which has been said
             setup = []
         if not records:
@@ -120,7 +122,7 @@ class DataView:
         records = self._session.records
         if not records:
             return
-        self._looked.objects = [parts.markup(element("pre", "\n".join(map(repr, records))))]
+        self._looked.objects = [parts.markup(element("pre", "\n".join(record.name for record in records)))]
         self._look(records[0], records[0].planes[0])
         listed: list[Any] = []
         for record in records:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from rotorfit.apps.app.session import Front
 
 
-def _text(name: str, value: Any, left: Callable[[str], object] | None = None, **look: Any) -> Any:
+def text_field(name: str, value: Any, left: Callable[[str], object] | None = None, **look: Any) -> Any:
     """A field of text, empty for None, and what is done with its words when it is left."""
     shown = "" if value is None else str(value)
     field = pn.widgets.TextInput(name=name, value=shown, **(look if "width" in look else {**look, **WIDE}))
@@ -48,6 +48,11 @@ def _number(label: str, word: str) -> float:
         raise ValueError(f"{label}: {word!r} is not a number") from None
 
 
+def number_in(field: Any) -> float:
+    """The number that stands in a field."""
+    return _number(field.name, shown_in(field))
+
+
 # ---- how a test file is read ------------------------------------------------------------------------------------
 
 
@@ -56,7 +61,7 @@ def _pairs(word: str, value: Callable[[str], Any] = str) -> Any:
 
 
 _FIELDS: Mapping[str, tuple[str, str, Callable[[str], Any]]] = {
-    "columns": ("columns under the names that rotorfit knows", "amplitude_um=Ampl. 1X", _pairs),
+    "columns": ("names of columns, theirs=ours", "Ampl. 1X=amplitude_um", _pairs),
     "constants": ("columns that the table does not have", "force_plane=disk, mr_g_mm=30", _pairs),
     "probe_angles_deg": (
         "where the probes x and y sit, degrees from X towards Y",
@@ -91,7 +96,7 @@ def read_form(page: Front, entry: int) -> Any:
         if isinstance(value, dict):
             parts = {name: ":".join(map(str, v)) if isinstance(v, list) else v for name, v in value.items()}
             value = ", ".join(f"{name}={part}" for name, part in parts.items())
-        fields.append(_text(label, value, partial(left, key), placeholder=example, stylesheets=[LONG_LABEL]))
+        fields.append(text_field(label, value, partial(left, key), placeholder=example, stylesheets=[LONG_LABEL]))
     title = f"Correct how {table['path']} is read"
     unread, parts_shown = page.session.data is None, [side_by_side(fields, least=300)]
     if unread and Path(table["path"]).suffix.lower() in FORMATS:
@@ -104,45 +109,108 @@ def read_form(page: Front, entry: int) -> Any:
 
 
 _MARKS = {"mark of the shaft": "shaft", "mark of the perturbator": "perturbator"}
-_ROLES = ("not used", *_MARKS, "probe")
-_FORCE = {
-    "plane": "plane of the force",
-    "mr_kg_m": "unbalance of the perturbator, kg m",
-    "angle_deg": "heavy spot ahead of the mark, °",
+_AXES = {"force along x": "channel_x", "force along y": "channel_y"}
+_ROLES = ("not used", *_MARKS, "probe", *_AXES)
+_PROBE_UNITS = {
+    **{
+        unit.replace("_per_", "/"): f"sensitivity_{unit}"
+        for unit in ("V_per_mm", "mV_per_um", "V_per_mil", "mV_per_mil")
+    },
+    "mV/g": "sensitivity_mV_per_g",
+    "mV/(mm/s)": "sensitivity_mV_per_mm_s",
+    "mV/(in/s)": "sensitivity_mV_per_in_s",
 }
+"""Keys of a sensor's sensitivity by its unit."""
+_FORCE_UNITS = {"mV/N": "sensitivity_mV_per_N", "V/N": "sensitivity_V_per_N", "mV/lbf": "sensitivity_mV_per_lbf"}
+_UNBALANCES = {"g mm": "mr_g_mm", "g in": "mr_g_in", "oz in": "mr_oz_in", "kg m": "mr_kg_m"}
+
+
+class _Measure:
+    """A number with a choice of its unit, which is a key of the setup."""
+
+    def __init__(self, label: str, table: Mapping[str, Any], units: Mapping[str, str], width: int = 110) -> None:
+        self._label, self._units = label, units
+        known = next((key for key in units.values() if key in table), next(iter(units.values())))
+        self.field = text_field(label, table.get(known), width=width)
+        self.unit = pn.widgets.Select(name="in", options=dict(units), value=known, width=95)
+        self.parts = [self.field, self.unit]
+
+    def add_to(self, table: dict[str, Any]) -> None:
+        """Put it into a table of the setup, in place of what it says in another unit."""
+        for key in self._units.values():
+            table.pop(key, None)
+        if word := self.field.value.strip():
+            table[self.unit.value] = _number(self._label, word)
+
+
+class _ForceForm:
+    """What drives the rotor: in all recordings, or in one of them."""
+
+    def __init__(self, table: Mapping[str, Any], title: str = "") -> None:
+        self._table = table
+        self._plane = text_field("plane of the force", table.get("plane"), width=130)
+        self._unbalance = _Measure("unbalance", table, _UNBALANCES)
+        self._angle = text_field("heavy spot ahead of the mark, °", table.get("angle_deg"), width=200)
+        turning = {"": "", "with the shaft": "forward", "against it": "backward"}
+        self._whirl = pn.widgets.Select(name="it turns", options=turning, value=table.get("whirl", ""), width=130)
+        head = [markup(element("p", title), sizing_mode=None, width=200)] if title else []
+        self.view = in_a_row(*head, self._plane, *self._unbalance.parts, self._angle, self._whirl)
+
+    def content(self) -> dict[str, Any]:
+        """The table of the setup."""
+        found = {key: value for key, value in self._table.items() if key not in ("plane", "angle_deg", "whirl")}
+        self._unbalance.add_to(found)
+        for key, field in (("plane", self._plane), ("whirl", self._whirl)):
+            if field.value.strip():
+                found[key] = field.value.strip()
+        if self._angle.value.strip():
+            found["angle_deg"] = _number(self._angle.name, self._angle.value)
+        return found
 
 
 class SetupForm:
     """Fields for the channels of a recording, filled in from its setup, else from what the recording says."""
 
-    def __init__(self, page: Front, path: Path) -> None:
-        self._page = page
-        self._path = path
+    def __init__(self, page: Front, paths: Sequence[Path]) -> None:
+        self._page, self._paths, path = page, paths, paths[0]
         given: Sequence[str] = [entry["setup"] for entry in page.session.content["files"] if "setup" in entry]
         text = page.session.folder.path(given[0]).read_text(encoding="utf-8") if given else template(path)
         self._base: Mapping[str, Any] = tomllib.loads(text)
-        self._rows = {name: _ChannelRow(name, self._base) for name in open_raw(path).channels}
-        force = self._base.get("force", {})
-        self._force = {key: _text(label, force.get(key)) for key, label in _FORCE.items()}
-        self._whirl = pn.widgets.Select(
-            name="turning of the force", options=["", "forward", "backward"], value=force.get("whirl", ""), **WIDE
-        )
+        channels = open_raw(path).channels
+        self._rows = {name: _ChannelRow(name, self._base) for name in channels}
+        self._force = _ForceForm(self._base.get("force", {}))
+        self._runs = {run["file"]: run for run in self._base.get("run", ())}
+        several = paths if len(paths) > 1 else ()
+        own = {one.name: self._runs.get(one.name, self._runs.get(one.stem, {})).get("force", {}) for one in several}
+        self._forces = {name: _ForceForm(table, name) for name, table in own.items()}
+        self._counting = [
+            name for name, one in channels.items() if one.full_count is not None and one.volts_per_count is None
+        ]
+        scales = {one["name"]: one.get("full_scale_V") for one in self._base.get("channel", ()) if "name" in one}
+        full = next((scales[name] for name in self._counting if scales.get(name)), None)
+        self._full = text_field("V of the largest count (full scale)", full, visible=bool(self._counting))
         self._rotation = pn.widgets.Select(
             name="rotation of the shaft", value=self._base.get("rotation", "ccw"), **WIDE,
             options={"from x towards y": "ccw", "from y towards x": "cw"},
         )  # fmt: skip
-        self._rate = _text("samples a second, Hz", self._base.get("sample_rate_hz"))
-        self._name = _text("Write it into the folder as", page.session.folder.free_name("rig.toml"), width=220)
+        self._rate = text_field("samples a second, Hz", self._base.get("sample_rate_hz"))
+        self._name = text_field("Write it into the folder as", page.session.folder.free_name("rig.toml"), width=220)
         self._said = pn.Column(**WIDE)
         write = button("Write and open", self._write, main=True)
         words = (
-            "What is left empty is as the recording says. V per mm: positive where the signal rises as the shaft nears."
+            "What is left empty is as the recording says. Sensitivities are positive where the signal rises when the "
+            "shaft nears."
         )
+        apart = [markup(element("p", "The force of one recording, where it is another:"))] if self._forces else []
         self.card = folded(
             "Correct which channel is what: rig.toml",
             markup(element("p", words, class_="faint")),
-            side_by_side([self._rotation, self._rate, self._whirl, *self._force.values()], least=250),
+            side_by_side([self._rotation, self._rate, *([self._full] if self._counting else [])], least=250),
             *[row.view for row in self._rows.values()],
+            markup(element("p", "What drives the rotor, unless its force is measured:")),
+            self._force.view,
+            *apart,
+            *[one.view for one in self._forces.values()],
             in_a_row(self._name, write),
             self._said,
             shown=not page.session.records,
@@ -150,20 +218,35 @@ class SetupForm:
 
     def content(self) -> dict[str, Any]:
         """Keys and values of the setup."""
-        found = {
-            key: value for key, value in self._base.items() if key not in ("shaft", "perturbator", "probe", "force")
-        }
+        told = ("shaft", "perturbator", "probe", "force", "channel", "run")
+        found = {key: value for key, value in self._base.items() if key not in told}
         found["rotation"] = self._rotation.value
         if self._rate.value.strip():
             found["sample_rate_hz"] = _number("samples a second", self._rate.value)
+        found["force"] = self._force.content()
         for row in self._rows.values():
             row.add_to(found)
-        force = {key: field.value.strip() for key, field in self._force.items() if field.value.strip()}
-        numbers = {key: _number(_FORCE[key], word) for key, word in force.items() if key != "plane"}
-        whirl = {"whirl": self._whirl.value} if self._whirl.value else {}
-        if force or whirl:
-            found["force"] = {**self._base.get("force", {}), **force, **numbers, **whirl}
+        if not found["force"]:
+            del found["force"]
+        if scales := self._scales():
+            found["channel"] = scales
+        if runs := self._own_runs():
+            found["run"] = runs
         return found
+
+    def _scales(self) -> list[dict[str, Any]]:
+        others = [one for one in self._base.get("channel", ()) if one.get("name") not in self._counting]
+        word = self._full.value.strip()
+        full = _number(self._full.name, word) if word else None
+        return [*others, *({"name": name, "full_scale_V": full} for name in self._counting if full is not None)]
+
+    def _own_runs(self) -> list[dict[str, Any]]:
+        runs = {name: {key: value for key, value in run.items() if key != "force"} for name, run in self._runs.items()}
+        for name, form in self._forces.items():
+            key = name if name in runs or Path(name).stem not in runs else Path(name).stem
+            if own := form.content():
+                runs[key] = {**runs.get(key, {"file": name}), "force": own}
+        return [run for run in runs.values() if len(run) > 1]
 
     def _write(self) -> None:
         import tomli_w
@@ -171,7 +254,8 @@ class SetupForm:
         name = self._name.value.strip()
         try:
             content = self.content()
-            read_recording(self._path, setup_of(content, name))  # refuses what is wrong and what is missing
+            for path in self._paths:
+                read_recording(path, setup_of(content, name))  # refuses what is wrong and what is missing
             self._page.session.folder.write_new(name, tomli_w.dumps(content))
         except (ValueError, OSError) as problem:
             self._said.objects = [message(sentence(problem), "error")]
@@ -187,25 +271,45 @@ class _ChannelRow:
         self._known: Mapping[str, Any] = next(
             (probe for probe in base.get("probe", ()) if probe.get("channel") == name), {}
         )
+        force = base.get("force", {})
         mark = next((label for label, key in _MARKS.items() if base.get(key, {}).get("channel") == name), None)
+        axis = next((label for label, key in _AXES.items() if force.get(key) == name), None)
         self._mark = {} if mark is None else base[_MARKS[mark]]
-        role = mark or ("probe" if self._known else "not used")
+        role = mark or axis or ("probe" if self._known else "not used")
         self._role = pn.widgets.Select(name=f"channel {name}", options=list(_ROLES), value=role, width=210)
-        labels = {"plane": "plane", "angle_deg": "angle from x, °", "sensitivity_V_per_mm": "V per mm"}
-        self._plane, self._angle, self._scale = (
-            _text(label, self._known.get(key), width=110) for key, label in labels.items()
-        )
-        self.view = in_a_row(self._role, self._plane, self._angle, self._scale)
+        self._plane = text_field("plane", self._known.get("plane"), width=110)
+        angle = self._mark.get("angle_deg") if mark else self._known.get("angle_deg")
+        self._angle = text_field("angle from x, °", angle, width=110)
+        self._probe = _Measure("sensitivity", self._known, _PROBE_UNITS)
+        self._cell = _Measure("sensitivity", force if axis else {}, _FORCE_UNITS)
+        self._parts = {
+            "probe": [self._plane, self._angle, *self._probe.parts],
+            **{mark: [self._angle] for mark in _MARKS},
+            **dict.fromkeys(_AXES, self._cell.parts),
+        }
+        self._fields = in_a_row(*self._parts.get(role, ()))
+        self._role.param.watch(self._show, "value")
+        self.view = in_a_row(self._role, self._fields)
+
+    def _show(self, event: Any) -> None:
+        self._fields.objects = list(self._parts.get(event.new, ()))
 
     def add_to(self, content: dict[str, Any]) -> None:
         """Add the channel to a setup."""
-        if self._role.value in _MARKS:
-            content[_MARKS[self._role.value]] = {**self._mark, "channel": self._name}
-        elif self._role.value == "probe":
+        role, angle = self._role.value, self._angle.value.strip()
+        label = f"{self._angle.name} of {self._name}"
+        if role in _MARKS:
+            at = {"angle_deg": _number(label, angle)} if angle else {}
+            content[_MARKS[role]] = {**self._mark, "channel": self._name, **at}
+        elif role in _AXES:
+            content["force"][_AXES[role]] = self._name
+            if self._cell.field.value.strip():
+                self._cell.add_to(content["force"])
+        elif role == "probe":
             probe = {**self._known, "channel": self._name, "plane": self._plane.value.strip()}
-            for key, field in (("angle_deg", self._angle), ("sensitivity_V_per_mm", self._scale)):
-                if field.value.strip():
-                    probe[key] = _number(f"{field.name} of {self._name}", field.value)
+            if angle:
+                probe["angle_deg"] = _number(label, angle)
+            self._probe.add_to(probe)
             content.setdefault("probe", []).append(probe)
 
 
@@ -249,7 +353,9 @@ def _known(page: Front, fields: dict[str, Any]) -> Any:
         label = f"{p.name}{'' if p.unit == '1' else f', {p.unit}'}: {p.meaning}"
         usual = "fitted" if p.default is None else f"{p.default:g}; write free to fit it"
         look = {"placeholder": usual, "stylesheets": [LONG_LABEL]}
-        fields[p.name] = _text(label, known.get(p.name), partial(_know, page, p.name), **look)
+        value = known.get(p.name)
+        shown = "+-".join(f"{one:.10g}" for one in value) if isinstance(value, list) else value
+        fields[p.name] = text_field(label, shown, partial(_know, page, p.name), **look)
     words = "Values that are known; what is left empty is fitted, but for those whose usual value stands in grey."
     return pn.Column(markup(element("p", words, class_="faint")), side_by_side([*fields.values()], least=250), **WIDE)
 
@@ -258,10 +364,11 @@ def _know(page: Front, name: str, word: str) -> bool:
     known = {key: value for key, value in page.session.content.get("known", {}).items() if key != name}
     if word:
         try:
-            known[name] = "free" if word == "free" else _number(name, word)
-        except ValueError as problem:
-            page.say(str(problem))
+            value = pairs(name, [f"{name}={word}"], FIT["known"].kind.word or str)[name]
+        except (ValueError, ArgumentTypeError):
+            page.say(f"{name}: {word!r} is not a number, nor one with its error, 6000+-30")
             return False
+        known[name] = "free" if value is None else list(value) if isinstance(value, tuple) else value
     page.say("")
     page.session = page.session.with_option("known", known)
     return True
@@ -292,5 +399,5 @@ def _options(page: Front) -> Any:
     for name, label in _WORDS.items():
         value = content.get(name)
         shown = ",".join(value) if isinstance(value, list) else value
-        fields[name] = _text(label, shown, partial(put_word, name))
+        fields[name] = text_field(label, shown, partial(put_word, name))
     return side_by_side([*fields.values(), refine], least=250)

@@ -12,9 +12,21 @@ import panel as pn
 from rotorfit.apps.app.data_view import DataView
 from rotorfit.apps.app.folder import Folder
 from rotorfit.apps.app.forms import model_form
-from rotorfit.apps.app.parts import WIDE, button, document, heading, in_a_row, in_sight, markup, message
+from rotorfit.apps.app.parts import (
+    WIDE,
+    bar,
+    button,
+    document,
+    heading,
+    in_a_row,
+    markup,
+    message,
+    scrolled,
+    window,
+)
 from rotorfit.apps.app.results import Takeaway, result_parts
 from rotorfit.apps.app.session import Session, chosen_entries
+from rotorfit.apps.app.words import on_the_page
 from rotorfit.apps.app.work import Data, End, News, Refusal, Report, Stage, Task, Work, fit, read
 from rotorfit.apps.study_files.wording import sentence
 from rotorfit.show.report.html import element
@@ -24,10 +36,10 @@ if TYPE_CHECKING:
 
 _TEMPLATE = """{% extends base %}
 {% block preamble %}<meta name="viewport" content="width=device-width, initial-scale=1">
-<style>body { margin: 0 auto !important; padding: 12px 0 40px; max-width: 1180px; background: white; }</style>
+<style>body { margin: 0 !important; background: white; }</style>
 {% endblock %}
 {% block contents %}{{ embed(roots.page) }}{% endblock %}"""
-_DONE = "The fit is done: its result stands below."
+_DONE = "The fit is done."
 
 
 def page(folder: Folder, names: Sequence[str]) -> Any:
@@ -45,18 +57,18 @@ class Page:
         self._work: Work | None = None
         self._takeaway: Takeaway | None = None
         self._data, self._model, self._result = (pn.Column(**WIDE) for _ in range(3))
-        self._said, self._progress, self._at_work = in_sight("top"), in_sight("bottom"), message("")
+        self._said = pn.Column(styles={"max-height": "30dvh", "overflow-y": "auto"}, **WIDE)
+        self._at_work = markup(styles={"flex": "1 1 160px"})
+        self._take_in: Callable[[], bool] = lambda: True
+        self._fit_button = button("Fit", self._fit, main=True, width=90, visible=False)
+        self._stop_button = button(
+            "Stop", lambda: self.stop("It was stopped; nothing was written."), width=90, visible=False
+        )
         self._lock = RLock()
-        self._stop_button = button("Stop", lambda: self.stop("It was stopped; nothing was written."), width=90)
-        self.view = pn.Column(
-            markup(element("h1", "rotorfit"), element("p", str(folder.root), class_="faint")),
-            self._file_section(names),
-            self._said,
-            self._data,
-            self._model,
-            self._progress,
-            self._result,
-            **WIDE,
+        title = markup(element("h1", "rotorfit"), sizing_mode=None)
+        self._body = scrolled(self._file_section(names), self._data, self._model, self._result)
+        self.view = window(
+            bar(in_a_row(title, self._fit_button, self._stop_button, self._at_work), self._said), self._body
         )
         if names:
             pn.state.onload(partial(self.open, names, None), threaded=True)
@@ -78,7 +90,8 @@ class Page:
         self._setup = pn.widgets.Select(name="Setup of the rig, for recordings", options=setups, width=260)
         opened = button("Open", lambda: self.open(files.value, self._setup.value or None), main=True, width=90)
         chosen = in_a_row(files, self._setup, opened)
-        return pn.Column(heading("Data"), chosen, *self._history_section(folder.histories()), **WIDE)
+        where = markup(element("p", str(folder.root), class_="faint"))
+        return pn.Column(heading("Data"), where, chosen, *self._history_section(folder.histories()), **WIDE)
 
     def _history_section(self, names: Sequence[str]) -> list[Any]:
         """A list of the pages that watches keep, and the one that is chosen."""
@@ -139,27 +152,35 @@ class Page:
             self.say(sentence(problem))
             return False
         self.say("")
-        self._result.objects = []
+        self._clear_result()
         return True
 
+    def _clear_result(self) -> None:
+        self._result.objects, self._takeaway = [], None
+        self._result.styles = {}
+
     def _show_model(self) -> None:
+        self._fit_button.visible = self.session.data is not None
         if self.session.data is None:
             self._model.objects = []
             return
-        parts, take_in = model_form(self)
+        parts, self._take_in = model_form(self)
+        self._model.objects = [heading("Model"), *parts]
 
-        def fit_as_entered() -> None:
-            if take_in():
-                self.start(fit)
-
-        fitting = button("Fit", fit_as_entered, main=True, width=90)
-        self._model.objects = [heading("Model"), *parts, fitting]
+    def _fit(self) -> None:
+        """Fit with what is entered."""
+        if self._take_in():
+            self.start(fit)
 
     def undo(self, finding: Finding) -> None:
         """Undo an error of the data and fit again."""
-        self.change(lambda: self.session.with_undone(finding))
+        self.undo_in_data(finding)
         if not self._said.objects:
             self.start(fit)
+
+    def undo_in_data(self, finding: Finding) -> None:
+        """Undo an error of the data."""
+        self.change(lambda: self.session.with_undone(finding))
 
     def say(self, words: str) -> None:
         """Say what is wrong with something that was entered."""
@@ -171,7 +192,7 @@ class Page:
         """Begin long work on the study, in place of what is going on."""
         with self._lock:
             self.stop()
-            self._result.objects = []
+            self._clear_result()
             self._work = Work(task, self.session.study, self.session.folder.root)
             self._stage("starting")
             poll_ms = 200  # milliseconds after which work is asked for news
@@ -183,10 +204,12 @@ class Page:
                 self._take(news)
 
     def _stage(self, words: str) -> None:
-        """Say what the work is at; the button stays while the words change, so that no click on it is missed."""
-        self._at_work.object = message(f"{words} ...").object
-        if self._stop_button not in self._progress.objects:
-            self._progress.objects = [self._at_work, self._stop_button]
+        """Say what the work is at."""
+        self._tell(f"{words} ...", at_work=True)
+
+    def _tell(self, words: str, *, at_work: bool = False) -> None:
+        self._at_work.object = element("p", on_the_page(words), class_="faint")
+        self._stop_button.visible = at_work
 
     def _take(self, news: News) -> None:
         """Take in what the work sent."""
@@ -205,9 +228,12 @@ class Page:
             case End():
                 self.stop(_DONE)
             case _:
-                self._progress.objects = [message(_DONE)]
                 self._takeaway = Takeaway(self.session, news)
-                self._result.objects = [*result_parts(news, self.undo), *self._takeaway.parts]
+                shown = [*result_parts(news, self.session, self.undo), *self._takeaway.parts]
+                self._result.styles = {"min-height": "95dvh"}  # so that it can stand at the top before all is drawn
+                self._result.objects = shown
+                self._tell(f"{_DONE} Its report is being drawn ...", at_work=True)
+                self._body.scroll_to(self._body.objects.index(self._result))
 
     def stop(self, words: str = "") -> None:
         """End the work that is going on."""
@@ -216,4 +242,4 @@ class Page:
                 self._poll.stop()
                 self._work.stop()
                 self._work = None
-                self._progress.objects = [message(words)] if words else []
+                self._tell(words)

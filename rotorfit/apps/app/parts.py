@@ -13,6 +13,7 @@ from typing import Any
 import panel as pn
 from bokeh.plotting import figure
 
+from rotorfit.apps.app.words import on_the_page
 from rotorfit.lab.data.findings import Finding
 from rotorfit.show.report.html import Html, element, join
 
@@ -24,9 +25,9 @@ WIDE = {"sizing_mode": "stretch_width"}
 """A part that takes the width of the page."""
 
 
-def markup(*content: str) -> Any:
+def markup(*content: str, **look: Any) -> Any:
     """Text and markup as a part of the page."""
-    return pn.pane.HTML(join(content), stylesheets=[STYLE], margin=(0, 10), **WIDE)
+    return pn.pane.HTML(join(content), stylesheets=[STYLE], margin=(0, 10), **{**WIDE, **look})
 
 
 def heading(text: str) -> Any:
@@ -45,13 +46,13 @@ def colour_key(words: str, colours: Mapping[str, str]) -> Any:
 
 def message(text: str, kind: str = "") -> Any:
     """A sentence that stands out: ``error``, ``warning``, ``good`` or neither."""
-    return markup(element("div", text, class_=f"said {kind}".strip()))
+    return markup(element("div", on_the_page(text), class_=f"said {kind}".strip()))
 
 
 def finding_words(finding: Finding) -> Html:
     """A finding with its severity in front; a button beside it stands for the words of the command line."""
     _, _, words = str(replace(finding, correction=None)).partition("] ")
-    said = join([element("span", finding.severity, class_="kind"), ": ", words])
+    said = join([element("span", finding.severity, class_="kind"), ": ", on_the_page(words)])
     return element("div", said, class_=f"said {finding.severity}")
 
 
@@ -107,14 +108,31 @@ def folded(title: str, *parts: Any, shown: bool) -> Any:
     return pn.Card(pn.Column(*parts, **WIDE), header=head, collapsed=not shown, **WIDE)
 
 
-def in_sight(edge: str) -> Any:
-    """A place for words that stays within the window, at its top or bottom, wherever the page is scrolled to."""
-    return pn.Column(styles={"position": "sticky", edge: "0", "z-index": "10", "background": "white"}, **WIDE)
+def bar(*parts: Any) -> Any:
+    """Parts above the rest of the page, which scrolls below them and is not covered."""
+    look = {"border-bottom": "1px solid #d5dbe1", "padding": f"4px {_MARGIN}", "flex": "none"}
+    return pn.Column(*parts, styles=look, **WIDE)
+
+
+def scrolled(*parts: Any) -> Any:
+    """The rest of the page, one part below the other."""
+    look = {"padding": f"0 {_MARGIN} 40px", "flex": "1 1 0", "min-height": "0"}
+    return pn.Column(*parts, scroll="y-auto", styles=look, **WIDE)
+
+
+def window(*parts: Any) -> Any:
+    """Parts that share the height of the window."""
+    return pn.Column(*parts, styles={"height": "100dvh", "display": "flex", "flex-direction": "column"}, **WIDE)
+
+
+_MARGIN = "max(0px, calc(50% - 590px))"
+"""Beside lines that are no longer than can be read."""
 
 
 def in_a_row(*parts: Any) -> Any:
-    """Parts side by side as far as the width allows."""
-    return pn.Row(*parts, styles={"flex-wrap": "wrap", "align-items": "end", "gap": "4px"}, **WIDE)
+    """Parts side by side as far as the width allows; in a column, as a row is at least as wide as all of them."""
+    look = {"display": "flex", "flex-flow": "row wrap", "align-items": "end", "gap": "4px"}
+    return pn.Column(*parts, styles=look, **WIDE)
 
 
 TOOLS = "pan,box_zoom,wheel_zoom,reset,save"

@@ -13,6 +13,7 @@ from bokeh.layouts import column
 from bokeh.models import BoxAnnotation, ColumnDataSource, HoverTool
 
 from rotorfit.apps.app import parts
+from rotorfit.apps.app.questions import question_parts
 from rotorfit.apps.app.session import Session, toml_of
 from rotorfit.apps.study_files.results import status
 from rotorfit.apps.study_files.wording import sentence
@@ -20,6 +21,7 @@ from rotorfit.base.digits import interval, significant
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.diagnosis.data_errors import PHASE_ZEROS
 from rotorfit.identify.fitting.fit_file import fit_to_json
+from rotorfit.identify.fitting.headline import headline
 from rotorfit.lab.io.files import to_dataframe
 from rotorfit.lab.io.tables.result_tables import frame_csv
 from rotorfit.show.plots.bode import broken_phase, panel_name
@@ -32,33 +34,42 @@ if TYPE_CHECKING:
     from rotorfit.lab.data.findings import Finding
 
 
-def result_parts(outcome: Outcome, undo: Callable[[Finding], None]) -> list[Any]:
-    """The parts of the page that show an outcome."""
+def result_parts(outcome: Outcome, session: Session, undo: Callable[[Finding], None]) -> list[Any]:
+    """The parts of the page that show an outcome; what the check of the data found stands with the data."""
     fit = outcome.best
-    went = (
-        parts.message(outcome.failure, "error")
-        if outcome.failure
-        else parts.message(f"Fit: {fit.message}.", "good" if explains(fit) else "warning")
-    )
+    told = {found.message for own in session.findings for found in own}
     findings: list[Any] = []
     for found in fit.findings:
-        if found.severity == "note" and found.origin != "reading":
-            continue
-        findings.append(parts.markup(parts.finding_words(found)))
-        if found.correction is not None or found.code == PHASE_ZEROS:  # the data can be corrected as they stand
-            findings.append(parts.button("Undo this and fit again", partial(undo, found)))
+        if found.message not in told and (found.severity != "note" or found.origin == "reading"):
+            findings += finding_parts(found, undo)
     return [
         parts.heading("Result"),
-        went,
-        parts.markup(parameter_table(fit), *_notes(fit)),
+        parts.message(verdict(outcome), "good" if explains(outcome) else "error" if outcome.failure else "warning"),
         *findings,
+        parts.markup(parameter_table(fit), *_notes(fit)),
         _figures(fit),
     ]
 
 
-def explains(fit: FitResult) -> bool:
-    """True for a fit that its model does not limit, of data that determine every value."""
-    return not (fit.model_limited or fit.identifiability.unresolved)
+def finding_parts(found: Finding, undo: Callable[[Finding], None], label: str = "Undo this and fit again") -> list[Any]:
+    """A finding, with a button where the data can be corrected as they stand."""
+    words = parts.markup(parts.finding_words(found))
+    if found.correction is None and found.code != PHASE_ZEROS:
+        return [words]
+    return [words, parts.button(label, partial(undo, found))]
+
+
+def verdict(outcome: Outcome) -> str:
+    """What can be said of an outcome in a sentence or two."""
+    if outcome.failure and not outcome.data_errors:
+        return f"{outcome.failure[:1].upper()}{outcome.failure[1:]}."
+    return headline(outcome.best, [*outcome.best.findings, *(one for own in outcome.findings for one in own)]).verdict
+
+
+def explains(outcome: Outcome) -> bool:
+    """True for a fit that its model does not limit, of data without an error that determine every value."""
+    fit = outcome.best
+    return not (outcome.failure or fit.model_limited or fit.identifiability.unresolved)
 
 
 def parameter_table(fit: FitResult) -> Html:
@@ -93,7 +104,7 @@ def _figures(fit: FitResult) -> Any:
     try:
         conditions, found = curves(fit)
     except ValueError:  # of tests without turning forces there is nothing over frequency
-        return tabs
+        conditions, found = (), ()
     sweeps, colours = joined(found), {condition.name: condition.colour for condition in conditions}
     pairs = sorted({(curve.coordinate, curve.force_plane) for curve in sweeps})
     for name, draw in (("Bode", bode), ("Polar", polar), ("Residuals", residuals)) if pairs else ():
@@ -103,6 +114,7 @@ def _figures(fit: FitResult) -> Any:
             unit = "µrad/N" if fit.model.coordinates[probe].axis == "r" else "µm/N"
             figures.append(draw(own, panel_name(fit.model, probe, force), unit))
         tabs.append((name, pn.Column(parts.colour_key("", colours), parts.figures_beside(figures), **parts.WIDE)))
+    tabs.extend(question_parts(fit))
     return tabs
 
 

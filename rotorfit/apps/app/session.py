@@ -151,6 +151,9 @@ class Front(Protocol):
     def opened_with(self, setup: str) -> None:
         """Open the same recordings with another setup, which has just been written."""
 
+    def undo_in_data(self, finding: Finding) -> None:
+        """Undo an error of the data."""
+
     def start(self, task: Task) -> None:
         """Begin long work on the study, in place of what is going on."""
 

@@ -55,6 +55,6 @@ def _force(record: Recording) -> list[str]:
     )
     turns = "forward" if force.whirl > 0 else "backward"
     return [
-        f"  force        m r = {significant(force.mr, 3)} kg m at {force.plane}, {turns} with the "
+        f"  force        m r = {significant(1e6 * force.mr, 3)} g mm at {force.plane}, {turns} with the "
         f"{force.reference}, {angle}"
     ]
