@@ -66,6 +66,15 @@ def test_24_coefficients_lie_within_their_errors(dry_hz: int) -> None:
     assert 0.75 < np.sqrt(np.mean(np.square(found))) < 1.25
 
 
+def test_lines_a_little_beyond_the_dry_run_need_no_editing() -> None:
+    """Ends of two sweeps over one band differ by a tenth of the distance of their lines at most."""
+    ends = np.concatenate([[19.4], HZ[1:-1], [200.6]])
+    wet = read(floating_stator(speeds_rpm=SPEEDS, frequency_hz=ends, seed=2, **NOISE))
+    fit = coefficients(wet, pair(1)[1])
+    assert len(fit.experiments[0]) == len(wet)
+    assert np.abs(pulls(fit)).max() < 4
+
+
 def test_left_out_the_noise_of_forces_and_dry_run_would_be_missed() -> None:
     """The same without the noise of the forces: the errors are too small, and redchi says so."""
     wet, dry = pair(1)

@@ -61,9 +61,11 @@ def finding_parts(found: Finding, undo: Callable[[Finding], None], label: str = 
 
 def verdict(outcome: Outcome) -> str:
     """What can be said of an outcome in a sentence or two."""
-    if outcome.failure and not outcome.data_errors:
+    if outcome.data_errors:
+        return "The data have an error, which stands here or with the data: no number below can be relied on."
+    if outcome.failure:
         return f"{outcome.failure[:1].upper()}{outcome.failure[1:]}."
-    return headline(outcome.best, [*outcome.best.findings, *(one for own in outcome.findings for one in own)]).verdict
+    return headline(outcome.best).verdict
 
 
 def explains(outcome: Outcome) -> bool:

@@ -160,9 +160,15 @@ def _stiffness_lines(dry: Responses, lines: Index, baseline: PerturbationTest) -
     return found
 
 
+_BEYOND = 0.1
+"""Share of the gap at an end of the dry run by which it may be continued there: lines of one multisine, or ends of one
+sweep, are read a little apart. Chosen: the error is less than that amid the gap."""
+
+
 def _refuse_outside(knots: Float, w: Float, test: PerturbationTest, baseline: PerturbationTest) -> None:
-    margin = SAME_RATE * np.abs(knots).max()
-    outside = (w < knots[0] - margin) | (w > knots[-1] + margin)
+    gaps = np.diff(knots)[[0, -1]] if knots.size > 1 else np.zeros(2)
+    low, high = np.maximum(SAME_RATE * np.abs(knots).max(), _BEYOND * gaps)
+    outside = (w < knots[0] - low) | (w > knots[-1] + high)
     if outside.any():
         ends = np.sort(np.abs(knots[[0, -1]])) / (2 * np.pi)
         digits = 10.0 ** (np.floor(np.log10(np.maximum(ends, 1e-3))) - 3)
@@ -189,9 +195,12 @@ def _shares(knots: Float, w: Float) -> Float:
 
 
 def _between(knots: Float, w: Float) -> Float:
-    """How far each frequency is inside each gap between knots, one in its middle, shape ``(L, N - 1)``."""
+    """How far each frequency is inside each gap between knots or a little beyond the ends, one in the middle of a gap,
+    shape ``(L, N - 1)``."""
     along = (w[:, None] - knots[:-1]) / np.diff(knots)
     inside = (along > 0) & (along < 1)
+    inside[:, :1] |= along[:, :1] <= 0
+    inside[:, -1:] |= along[:, -1:] >= 1
     return np.where(inside, (4 * along * (1 - along)) ** 2, 0.0)
 
 
