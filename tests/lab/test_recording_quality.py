@@ -251,3 +251,20 @@ def test_blows_at_equal_times_are_no_hum_and_hum_is() -> None:
     assert mains_hum(ringing + noise, rate) == []
     found = mains_hum(0.05 * np.sin(2 * np.pi * 50.0 * t) + noise, rate)
     assert [round(frequency) for frequency, _ in found] == [50]
+
+
+def test_what_several_recordings_say_alike_is_told_once() -> None:
+    from rotorfit.lab.data.findings import Finding, told_once
+
+    def of(name: str, words: str, rows: tuple[int, ...] = ()) -> Finding:
+        return Finding("warning", "hum", f"{name}: {words}", rows=rows)
+
+    own = [
+        of("a", "mains hum at 50 Hz"),
+        of("b", "mains hum at 60 Hz"),
+        of("a", "clipped", rows=(1,)),
+        of("other", "x"),
+    ]
+    told = told_once([*own, of("c", "mains hum at 50 Hz")], ["a", "b", "c"])
+    assert [finding.message for finding in told] == ["a, c: mains hum at 50 Hz", *(one.message for one in own[1:])]
+    assert told[2].rows == (1,)

@@ -105,6 +105,18 @@ def listed(names: Sequence[str]) -> str:
     return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
 
 
+def told_once(findings: Iterable[Finding], names: Sequence[str]) -> tuple[Finding, ...]:
+    """Findings that begin with the name of a recording, ``a: what``, as one where several say the same."""
+    found: dict[Finding, list[str]] = {}
+    for finding in findings:
+        name, colon, what = finding.message.partition(": ")
+        several = bool(colon) and name in names and not finding.rows
+        found.setdefault(replace(finding, message=what) if several else finding, []).extend([name] * several)
+    return tuple(
+        replace(finding, message=f"{listed(of)}: {finding.message}") if of else finding for finding, of in found.items()
+    )
+
+
 def rows_of(mask: Bool) -> tuple[int, ...]:
     """Numbers of the rows that a mask names."""
     return tuple(np.flatnonzero(mask).tolist())

@@ -19,7 +19,7 @@ from rotorfit.base.executors import carry_out
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.lab.data.casing import with_casing
 from rotorfit.lab.data.experiments import PerturbationTest
-from rotorfit.lab.data.findings import PHASE_DATUM, Finding, listed, warn_of
+from rotorfit.lab.data.findings import PHASE_DATUM, Finding, listed, told_once, warn_of
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.selection import Wanted, selected
 from rotorfit.lab.data.stator import without_stator
@@ -127,7 +127,8 @@ def checked_responses(
     test = join([replace(t, attributes={k: v for k, v in t.attributes.items() if k in shared}) for t in reduced])
     if forces[0].reference == "shaft" and turns:
         test = difference_unless_solved(test)
-    return replace(test, source=source_of(records), findings=(*findings, *test.findings))
+    told = told_once((*findings, *test.findings), [record.name for record in records])
+    return replace(test, source=source_of(records), findings=told)
 
 
 def _together(records: Sequence[Recording], forces: Sequence[Force], turns: int | None, report: Report) -> list[_Job]:
