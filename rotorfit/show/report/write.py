@@ -66,9 +66,9 @@ def write_report(
         figure_format: of these files: png, pdf or svg; none leaves figures out of the report too.
         recordings: what the experiments were reduced from, to be shown with what was done to them.
         turns: as :func:`rotorfit.responses` was given it.
+        interactive: with Bode plots to zoom and to point at; Bokeh's script makes the file some MB larger.
         command: what was typed for this fit; by default the command is worked out of the fit.
         reading: options of :func:`rotorfit.read` that files were read with, by the first of their paths.
-        interactive: with Bode plots to zoom and to point at; Bokeh's script makes the file some MB larger.
 
     Returns:
         the path written.
