@@ -134,8 +134,7 @@ class OperatingSpectra(Observed):
         """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
         return (
             f"the spectrum of the force was not measured: {self.shape} was taken, by BIC",
-            "errors of single parameters from operating vibration are not proven on many rigs yet, and were seen many "
-            "times too small where several speeds were fitted together; those of the threshold and of the modes held",
+            "errors of single parameters from operating vibration were tried on few rigs yet",
         )
 
     def doubts(self, predicted: ComplexArray) -> Iterator[tuple[str, str]]:

@@ -59,6 +59,23 @@ def test_a_rotor_that_is_not_stable_has_no_spectra(test: rf.OperatingTest) -> No
     assert not np.isfinite(problem.cost(mirror))
 
 
+def test_errors_hold_over_draws() -> None:
+    """The short form of benchmarks/operating_coverage.py."""
+    onset = threshold_speed(MODEL, MODEL.vector(ONE_MODE))
+    assert onset is not None
+    z = []
+    for seed in range(2, 5):
+        fit = rf.fit(
+            MODEL,
+            recorded(MODEL, ONE_MODE, np.array([200.0]), minutes=3, seed=seed, width=0.5),
+            known=KNOWN,
+            causes=None,
+        )
+        threshold, D = fit.threshold_speed(), fit.params["D"]
+        z.append([(threshold.value - onset.speed) / threshold.stderr, (D.value - ONE_MODE["D"]) / D.stderr])
+    assert (np.square(z).sum(axis=0) < 16.3).all()  # of 3 draws: one in a thousand is more
+
+
 def test_the_profile_does_not_depend_on_the_way_there() -> None:
     """A floor that a rotor far away does without is found again, and with it the errors of the rotor."""
     quiet = recorded(MODEL, ONE_MODE, np.array([200.0]), minutes=3, seed=1, floor=42.0)
@@ -110,6 +127,11 @@ def test_recordings_become_spectra_without_orders_and_hum(tmp_path: Path) -> Non
     fit = rf.fit(MODEL, test, known=KNOWN, causes=None)
     assert fit.redchi < 1.25
     assert abs(fit.params["lam"].value - ONE_MODE["lam"]) < 4 * fit.params["lam"].stderr
+
+
+def test_a_robust_loss_of_spectra_is_refused(test: rf.OperatingTest) -> None:
+    with refuses(ValueError):
+        rf.fit(MODEL, test, known=KNOWN, loss="huber")
 
 
 def test_what_tells_no_operating_spectra_is_refused(tmp_path: Path) -> None:

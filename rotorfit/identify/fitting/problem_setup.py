@@ -116,6 +116,12 @@ def _observed(
     blocks: list[Block] = []
     for experiment, found, rows in zip(seen, influences, groups, strict=True):
         block = experiment.observe(model, rows).with_force_spectrum(settings.force_spectrum)
+        if settings.loss != "linear" and not block.normal:
+            raise ValueError(
+                f"{experiment.source or experiment.title}: loss {settings.loss!r} is for readings that err one by one; "
+                "averaged spectra have a likelihood of their own. Take 'linear' (loss=, --loss), and leave bands out "
+                "that are not the rotor's (band_hz=)"
+            )
         if found is not None and block.linear is not None:
             block = correlated(block.linear, found)
         blocks.append(with_baseline(model, block, experiment, settings.baseline, settings.stator_mass_kg))
