@@ -129,9 +129,11 @@ def test_recordings_become_spectra_without_orders_and_hum(tmp_path: Path) -> Non
     assert abs(fit.params["lam"].value - ONE_MODE["lam"]) < 4 * fit.params["lam"].stderr
 
 
-def test_a_robust_loss_of_spectra_is_refused(test: rf.OperatingTest) -> None:
+def test_a_robust_loss_and_a_bootstrap_of_spectra_are_refused(test: rf.OperatingTest) -> None:
     with refuses(ValueError):
         rf.fit(MODEL, test, known=KNOWN, loss="huber")
+    with refuses(ValueError):
+        rf.fit(MODEL, test, known=KNOWN, causes=None).bootstrap(n=10)
 
 
 def test_what_tells_no_operating_spectra_is_refused(tmp_path: Path) -> None:

@@ -151,6 +151,11 @@ def bootstrap(
     """
     if fit.method == "closed form":
         raise ValueError("a closed form cannot be bootstrapped by fits; use the result of rf.fit")
+    if not all(block.normal for block in fit.problem.blocks):
+        raise ValueError(
+            "operating vibration cannot be bootstrapped: the spectra of force and floor, fitted beside the rotor, "
+            "would stay those of the measured data; use fit.profile() (--profile)"
+        )
     if n < 2:
         raise ValueError(f"n is {n}; a spread needs at least two simulated data sets")
     rng = np.random.default_rng(seed)
