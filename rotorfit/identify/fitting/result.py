@@ -325,7 +325,7 @@ class FitResult:
         """Rotative speed at which the rotor becomes unstable, rad/s, with its standard error.
 
         The value is NaN where the fitted rotor is stable at every speed searched; the standard error is infinite where
-        the data do not tell, or where only frequencies of the tested band could be searched (:meth:`onset_note`).
+        the data do not tell, or where only frequencies of the tested band could be searched, as the summary says.
 
         Args:
             at: group of parameters, where some were fitted per attribute.
@@ -367,12 +367,6 @@ class FitResult:
     @cached_property
     def _onsets(self) -> dict[int, Threshold | None]:
         return {}
-
-    def onset_note(self, group: int = 0) -> str:
-        """Limitation of the threshold speed of a ``group`` by number; empty where its whirl lies in the tested band."""
-        from rotorfit.identify.fitting.onset import onset_note
-
-        return onset_note(self, group)
 
     def whirl_ratio(self, at: Mapping[str, Any] | None = None) -> float:
         """Whirl frequency at onset over the threshold speed, NaN without one, of the group that ``at`` names."""

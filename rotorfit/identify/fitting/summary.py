@@ -36,6 +36,7 @@ from rotorfit.identify.fitting.headline import (
 from rotorfit.identify.fitting.noise.record import NoiseVerdict, is_run_effect
 from rotorfit.identify.fitting.noise.residual_study import VERDICTS
 from rotorfit.identify.fitting.notices import notices_of
+from rotorfit.identify.fitting.onset import onset_note
 from rotorfit.identify.fitting.quantities import FittedParameter, Number, Quantity
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.structure.coefficients import lines_by_condition
@@ -398,7 +399,7 @@ def _stability_lines(fit: FitResult) -> list[str]:
     if not fit.model.speed_dependent or fit.problem.space.index.shape[0] > 1:
         return []
     onset = fit.threshold_speed()
-    note = fit.onset_note()
+    note = onset_note(fit, 0)
     if np.isinf(onset.stderr):
         return [f"threshold speed: not determined by these data{': ' + note if note else ''}"]
     if np.isnan(onset.value):

@@ -13,7 +13,7 @@ from rotorfit.base.array_types import Float
 from rotorfit.base.digits import interval, with_error
 from rotorfit.base.matching import matched
 from rotorfit.base.text_table import Printed, Tabled
-from rotorfit.identify.fitting.onset import is_extrapolated, onset_by_causes
+from rotorfit.identify.fitting.onset import is_extrapolated, onset_by_causes, onset_note
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.models import RotorModel, eigenvalues
 from rotorfit.models.motion.stability import counted, mode_vectors, threshold_speeds
@@ -177,4 +177,4 @@ def onsets_of(fit: FitResult, theta: Float, group: int, seed: int, sizes: Float 
         if limited and math.isfinite(candidate.speed):
             speed[~found] = candidate.speed + math.hypot(candidate.stderr, candidate.difference) * normal[~found]
             ratio[~found] = candidate.whirl_ratio
-    return Onsets(speed=speed, whirl_ratio=ratio, note=fit.onset_note(group))
+    return Onsets(speed=speed, whirl_ratio=ratio, note=onset_note(fit, group))

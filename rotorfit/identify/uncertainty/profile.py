@@ -35,7 +35,7 @@ from rotorfit.estimators.minimisation.least_squares import minimise
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.estimators.misfit.ratios import LogRatioProblem, Ratios, ratios_of
 from rotorfit.identify.fitting.fit_file import fit_from_json, fit_to_json
-from rotorfit.identify.fitting.onset import onset_by_causes
+from rotorfit.identify.fitting.onset import onset_by_causes, onset_note
 from rotorfit.identify.fitting.quantities import THRESHOLD, FittedParameter, Quantity
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.uncertainty.target import caused_problem
@@ -266,7 +266,7 @@ def _threshold(fit: FitResult, base: _Base, level: float, at: Mapping[str, Any] 
         value, slope = speed(x)
     if not math.isfinite(value):
         if math.isfinite(fit.stability_band):
-            raise ValueError(f"there is no threshold to profile: {fit.onset_note(group)}")
+            raise ValueError(f"there is no threshold to profile: {onset_note(fit, group)}")
         raise ValueError("the fitted rotor is stable at every speed searched: there is no threshold to profile")
     covar = base.covar
     error = float(standard_error(slope, covar))
@@ -408,7 +408,7 @@ def _grid(value: float, ends: list[End], points: int) -> list[float]:
 def _beyond_tests(fit: FitResult, at: Mapping[str, Any] | None) -> str:
     """Warning of a threshold beyond the tests: an interval of one model knows nothing of its neighbours."""
     group = fit.group(at)
-    note = fit.onset_note(group)
+    note = onset_note(fit, group)
     if not note or not fit.settings.onsets:
         return note
     difference = fit.settings.onsets[group].difference * RPM_PER_RAD_S

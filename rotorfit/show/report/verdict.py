@@ -12,6 +12,7 @@ import numpy as np
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.fitting.headline import Check, Headline, KeyNumber, headline, largest_on_trust, leads_of
 from rotorfit.identify.fitting.notices import notices_of
+from rotorfit.identify.fitting.onset import onset_note
 from rotorfit.identify.fitting.quantities import Quantity, Shown
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.findings import Finding, attributed, errors_in
@@ -181,7 +182,7 @@ def _name_of(number: KeyNumber) -> str:
 def _why(fit: FitResult, number: KeyNumber) -> str:
     """Why a number is not there."""
     if number.name.startswith("threshold speed"):
-        notes = [note for group in range(len(fit.thetas)) if (note := fit.onset_note(group))]
+        notes = [note for group in range(len(fit.thetas)) if (note := onset_note(fit, group))]
         return notes[0] if notes else ""
     found = [c.message for c in fit.identifiability.combinations if number.name in c.names]
     return found[0] if found else ""
@@ -218,7 +219,7 @@ def threshold_table(material: ReportInput) -> Iterator[Html]:
             posterior = parts.threshold_interval(material.posterior, parts.at_of(fit, group))
             margins = "; ".join(_margins(material, onset))
             rows.append([name, f"{value} ± {error} rpm", interval(low, high), posterior, margins])
-        notes += [parts.sentence(note)] if (note := fit.onset_note(group)) else []
+        notes += [parts.sentence(note)] if (note := onset_note(fit, group)) else []
     yield table(["", "value", "95 % Laplace, rpm", "95 % posterior, rpm", "margin"], rows)
     if notes:
         yield parts.note(*dict.fromkeys(notes))
