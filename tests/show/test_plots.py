@@ -417,3 +417,18 @@ def test_modes_against_speed_are_those_of_the_tables_with_the_causes_found() -> 
     shown = sorted(to_rad_s * np.interp(tested / to_rad_s, *line.T) for line in drawn[:4])
     printed = sorted(mode.value for mode, _ in fit.natural_frequencies(tested))
     np.testing.assert_allclose(shown, printed, rtol=1e-6, atol=1e-6)
+
+
+def test_a_phase_that_may_be_any_fills_turns_that_can_be_counted(
+    rig_fit: rf.FitResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A fit far from its data has bands of any width; marks every half turn of them would take all memory."""
+    from rotorfit.show.plots import bode, sweeps
+
+    conditions, found = sweeps.curves(rig_fit)
+    wild = [replace(curve, band=(curve.band[0], np.full_like(curve.band[1], 1e12))) for curve in found]
+    monkeypatch.setattr(bode, "curves", lambda *_: (conditions, wild))
+    drawn = rig_fit.plot.bode()
+    ends = [end for axes in drawn.axes if "angle" in axes.get_ylabel() for end in axes.get_ylim()]
+    assert ends
+    assert max(map(abs, ends)) < 5 * 360

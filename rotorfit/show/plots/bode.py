@@ -268,7 +268,9 @@ def draw_bode(model: RotorModel, pair: Sequence[Any], curve: SweepCurve, along: 
     reach = np.exp(np.minimum(relative, 20.0))
     amplitude.fill_between(fine, line / reach, line * reach, color=colour, alpha=style.BAND, lw=0)
     phase.scatter(x[shown], angle[shown], **points)
-    style.draw_curve(phase, fine, fitted_angle, np.rad2deg(turn), colour, look, lw=1.3)
+    half_turn = 180.0  # a phase that may be any fills the turn, not an axis of a million turns
+    half = np.minimum(np.rad2deg(turn), half_turn)
+    style.draw_curve(phase, fine, fitted_angle, half, colour, look, lw=1.3)
 
 
 def _unwrapped(curve: SweepCurve) -> tuple[Float, Float]:
