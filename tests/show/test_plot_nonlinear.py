@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from drawn import conditions_of, heading_of
+from drawn import conditions_of, faults_of, heading_of
 from law_data import static, sweep
 from matplotlib.collections import PathCollection
 from matplotlib.colors import to_hex
@@ -22,6 +22,7 @@ from rotorfit.models import Muszynska, OneMode
 from rotorfit.models.coefficient_tables import law_curves
 from rotorfit.models.motion.off_centre import off_centre_eigenvalues
 from rotorfit.show.plots.eccentricity import plot_law, plot_nonlinear_stiffness
+from rotorfit.show.plots.figure_table import first_figures
 from rotorfit.show.plots.journal import drive_stiffness, half_width
 from rotorfit.show.plots.static_and_impulse import plot_static_locus, plot_static_stiffness, plot_velocity_ratio
 
@@ -68,6 +69,22 @@ def test_every_figure_of_one_and_two_planes(plot: Any, planes: int, tmp_path: Pa
 @pytest.mark.parametrize("plot", ["bode", "polar", "residuals", "dynamic_stiffness", "stability"])
 def test_the_figures_of_linear_fits_draw_nonlinear_ones_too(plot: str, tmp_path: Path) -> None:
     getattr(fitted(1).plot, plot)().savefig(tmp_path / "figure.png", dpi=40)
+
+
+def test_the_first_screen_of_a_law_shows_it_over_its_value_in_the_centre() -> None:
+    """Against Muszynska's formulas; and its texts can be read."""
+    fit = fitted(1)
+    assert [name for name, _ in first_figures(fit, good=True)] == ["relative_law", "damping"]
+    figure = fit.plot.relative_law()
+    p = {name: parameter.value for name, parameter in fit.params.items()}
+    (axis,) = figure.axes
+    eps, stiffness = axis.lines[0].get_data()  # solid, then dotted beyond the data, one after the other
+    _, damping = axis.lines[2].get_data()
+    _, ratio = axis.lines[4].get_data()
+    np.testing.assert_allclose(stiffness, (1 - eps**2) ** -p["n_K"])
+    np.testing.assert_allclose(damping, (1 - eps**2) ** -p["n_D"])
+    np.testing.assert_allclose(ratio, (1 - eps) ** p["b"])
+    assert faults_of(figure) == []
 
 
 def test_points_are_data_minus_the_linear_model_and_lines_the_law() -> None:

@@ -56,6 +56,34 @@ def plot_law(fit: FitResult, *, sheet: style.Sheet) -> Figure:
 
 
 @style.on_sheet
+def plot_relative_law(fit: FitResult, *, sheet: style.Sheet) -> Figure:
+    """K0, D and lam over their values in the centre against eccentricity in one panel: the half figure of a law.
+
+    Bands hold 95 %; of several conditions the last is drawn. Dotted beyond the data.
+    """
+    changing_fluid(fit.model)
+    limit = journal.reach(fit)
+    eps = np.linspace(0.0, limit + 0.15 * min(limit, 1 - limit), 200)
+    group, speed = journal.law_series(fit)[-1]
+    curves = [c for c in law_curves(fit.model, fit.thetas[group], eps, speed) if c.value[0]]
+    figure, ((axis,),) = sheet.grid(1, 1, "", size=style.HALF)
+    style.panel_title(axis, "Fluid over its value in the centre")
+    ends, seen = [], eps <= limit
+    for curve, colour, look in zip(curves, style.COLOURS, ("-", "--", "-."), strict=False):
+        half = journal.half_width(fit, group, curve.slope, by_values_of_causes(fit, curve.slope, group, speed))
+        value, band = curve.value / curve.value[0], half / abs(curve.value[0])
+        style.draw_curve(axis, eps[seen], value[seen], band[seen], colour, look)
+        axis.plot(eps[~seen], value[~seen], ":", color=colour, lw=1.3)
+        ends.append((style.literal(curve.name), float(value[-1]), colour))
+    axis.axhline(1.0, color=style.AXES, lw=0.7, zorder=1)
+    axis.set_xlabel("eccentricity of the journal over clearance")
+    axis.set_xlim(0.0, eps[-1])
+    style.logarithmic_over_decades(axis, np.concatenate([curve.value / curve.value[0] for curve in curves]))
+    style.end_labels(axis, ends)
+    return figure
+
+
+@style.on_sheet
 def plot_nonlinear_stiffness(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     """Nonlinear minus linear dynamic stiffness at the journal, as in Figs 13 to 15.
 

@@ -134,8 +134,9 @@ def figures_of(fit: FitResult) -> list[ReportFigure]:
 def first_figures(fit: FitResult, *, good: bool) -> list[tuple[str, str]]:
     """The two half figures of a first screen, each the method of ``fit.plot`` and what it shows.
 
-    What the numbers of a rotor stand on is its quadrature stiffness, and how far it is from unstable; of a seal the
-    stiffness over whirl frequency and the whirl frequency ratio; of a rotor that no speed changes its largest response.
+    What the numbers of a rotor stand on is its quadrature stiffness, or its law of eccentricity, and how far it is from
+    unstable; of a seal the stiffness over whirl frequency and the whirl frequency ratio; of a rotor that no speed
+    changes its largest response.
     Of a fit that is not good the second is its misfit, as it is where there is no other.
     """
     kinds = {kind for block in fit.problem.blocks for kind in _kinds(block)}
@@ -143,7 +144,9 @@ def first_figures(fit: FitResult, *, good: bool) -> list[tuple[str, str]]:
     found = []
     if "responses" in kinds and not of_seal and not changes:
         found.append(("largest_response", "Amplitude of the largest response against frequency"))
-    if "stiffness" in kinds:
+    if kinds & {"orbits", "loads", "impulses"}:
+        found.append(("relative_law", "Fluid over its value in the centre against eccentricity"))
+    elif "stiffness" in kinds:
         found.append(("quadrature", "Quadrature stiffness against frequency"))
     if "spectra" in kinds:
         found.append(("spectrum", "Spectrum of the operating vibration, forward and backward"))

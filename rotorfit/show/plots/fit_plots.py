@@ -14,7 +14,7 @@ from rotorfit.show.plots.bode import plot_bode, plot_drive_point
 from rotorfit.show.plots.budget import plot_budget
 from rotorfit.show.plots.coefficients import coefficients, frequency_coefficients, whirl_ratio
 from rotorfit.show.plots.dynamic_stiffness import plot_dynamic_stiffness, plot_quadrature
-from rotorfit.show.plots.eccentricity import plot_law, plot_nonlinear_stiffness
+from rotorfit.show.plots.eccentricity import plot_law, plot_nonlinear_stiffness, plot_relative_law
 from rotorfit.show.plots.figure_keywords import PlotKeywords
 from rotorfit.show.plots.figure_table import figures_of
 from rotorfit.show.plots.modal import plot_mode_shapes, plot_stabilisation
@@ -196,6 +196,10 @@ class FitPlots:
     def law(self, **look: Unpack[PlotKeywords]) -> Figure:
         """K0, D and lam against eccentricity with their 95 % bands; ``ax`` and ``unit`` as for :meth:`bode`."""
         return plot_law(self._fit, **look)
+
+    def relative_law(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """K0, D and lam over their values in the centre; ``ax`` and ``unit`` as for :meth:`bode`."""
+        return plot_relative_law(self._fit, **look)
 
     def nonlinear_stiffness(self, **look: Unpack[PlotKeywords]) -> Figure:
         """Nonlinear minus linear dynamic stiffness (Figs 13 to 15); ``ax`` and ``unit`` as for :meth:`bode`."""
