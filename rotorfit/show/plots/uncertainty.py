@@ -8,23 +8,48 @@ from typing import Any, Unpack
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.ndimage import gaussian_filter, gaussian_filter1d
 
 from rotorfit.base.array_types import Float
+from rotorfit.base.digits import with_error
 from rotorfit.base.names import unknown_name
 from rotorfit.identify.uncertainty.posterior import Posterior
+from rotorfit.models.parameters import bare_name
 from rotorfit.show.plots.figure_keywords import PlotKeywords
-from rotorfit.show.plots.style import COLOURS, SMALL_TYPE, Sheet, few_ticks, literal, on_sheet
+from rotorfit.show.plots.journal import rig_of
+from rotorfit.show.plots.style import COLOURS, CRITICAL, PAGE, SMALL_TYPE, TYPE, Sheet, few_ticks, literal, on_sheet
 
 _LABEL = SMALL_TYPE
+_FLUID = ("D", "lam", "lam_D", "lam_M", "Mf", "K0")
+_MOST = 6
+"""Parameters that a corner plot shows on a page."""
+
+
+def corner_names(names: Sequence[str], samples: Float) -> list[str]:
+    """Parameters that a corner plot shows unless others are named, in their order: the fluid's, then those most
+    correlated with any other."""
+    if len(names) <= _MOST:
+        return list(names)
+    together = np.abs(np.corrcoef(samples, rowvar=False)) - np.eye(len(names))
+    rank = {name: (bare_name(name) not in _FLUID, -together[i].max()) for i, name in enumerate(names)}
+    chosen = sorted(names, key=rank.__getitem__)[:_MOST]
+    return [name for name in names if name in chosen]
 
 
 @on_sheet
 def plot_corner(
-    samples: Float, names: Sequence[str], truths: Mapping[str, float] | None = None, *, sheet: Sheet
+    samples: Float,
+    names: Sequence[str],
+    truths: Mapping[str, float] | None = None,
+    *,
+    sheet: Sheet,
+    title: str = "",
+    reads: Sequence[str] = (),
 ) -> Figure:
-    """Marginal histograms and pairwise densities with 68 and 95 % contours."""
+    """Marginal densities with their 95 % interval, regions of 68 and 95 % of pairs below, correlations above."""
     count = len(names)
-    figure, axes = sheet.grid(count, count, "", size=(1.25, 1.2))
+    side = min(PAGE[0] / count, 1.8)
+    figure, axes = sheet.grid(count, count, title, size=(side, side), reads=reads)
     # Inches from panel to panel of a corner plot at least: of many parameters it is larger than a page.
     narrowest = 0.88
     width, height = np.maximum(figure.get_size_inches(), narrowest * count)
@@ -32,35 +57,38 @@ def plot_corner(
     marks = truths or {}
     # Points between the numbers along x and their label: the offset that the numbers share stands there
     room_for_offset = SMALL_TYPE + 4
-    for i in range(count):
-        for j in range(count):
-            axis = axes[i, j]
-            if j > i:
-                axis.set_visible(False)
-                continue
-            axis.grid(visible=False)
-            if i == j:
-                _marginal(axis, samples[:, i])
-            else:
-                _density(axis, samples[:, j], samples[:, i])
-            if names[j] in marks:
-                axis.axvline(marks[names[j]], color=COLOURS[1], lw=0.9)
-            if i != j and names[i] in marks:
-                axis.axhline(marks[names[i]], color=COLOURS[1], lw=0.9)
-            axis.tick_params(labelsize=SMALL_TYPE, labelleft=j == 0 and i > 0, labelbottom=i == count - 1)
-            few_ticks(axis.xaxis, 3)
-            # Powers of ten that are written out: with a factor, what all numbers have in common is wider than a panel.
-            axis.ticklabel_format(scilimits=(-8, 8))
-            for side in (axis.xaxis, axis.yaxis):
-                side.get_offset_text().set_fontsize(SMALL_TYPE)
-            if i != j:
-                few_ticks(axis.yaxis, 3)
-            if j == 0 and i > 0:
-                axis.set_ylabel(_in_lines(names[i], height / count), fontsize=_LABEL)
-            if i == count - 1:
-                axis.set_xlabel(_in_lines(names[j], width / count), fontsize=_LABEL, labelpad=room_for_offset)
-                for number in axis.get_xticklabels():
-                    number.set(rotation=45, rotation_mode="anchor", horizontalalignment="right")
+    together = np.atleast_2d(np.corrcoef(samples, rowvar=False))
+    for i, j in np.ndindex(count, count):
+        axis = axes[i, j]
+        axis.grid(visible=False)
+        if j > i:
+            _correlation(axis, float(together[i, j]))
+            continue
+        truth = (marks.get(names[j]), marks.get(names[i]))
+        if i == j:
+            _marginal(axis, samples[:, i], truth[0])
+            mean, spread = float(samples[:, i].mean()), float(samples[:, i].std())
+            bare, numbers = names[i].partition(",")[0], with_error(mean, spread)
+            words = f"{literal(bare)}\n{numbers[0]} ± {numbers[1]}"
+            axis.set_title(words, loc="center", fontsize=SMALL_TYPE)
+        else:
+            _density(axis, samples[:, j], samples[:, i])
+            if None not in truth:
+                axis.plot(*truth, "+", color=CRITICAL, ms=8, mew=1.5)
+        axis.tick_params(labelsize=SMALL_TYPE, labelleft=j == 0 and i > 0, labelbottom=i == count - 1)
+        few_ticks(axis.xaxis, 3)
+        # Powers of ten that are written out: with a factor, what all numbers have in common is wider than a panel.
+        axis.ticklabel_format(scilimits=(-8, 8))
+        for side in (axis.xaxis, axis.yaxis):
+            side.get_offset_text().set_fontsize(SMALL_TYPE)
+        if i != j:
+            few_ticks(axis.yaxis, 3)
+        if j == 0 and i > 0:
+            axis.set_ylabel(_in_lines(names[i], height / count), fontsize=_LABEL)
+        if i == count - 1:
+            axis.set_xlabel(_in_lines(names[j], width / count), fontsize=_LABEL, labelpad=room_for_offset)
+            for number in axis.get_xticklabels() if count > _MOST else ():
+                number.set(rotation=45, rotation_mode="anchor", horizontalalignment="right")
     return figure
 
 
@@ -78,22 +106,43 @@ def _in_lines(name: str, room: float) -> str:
     return literal("\n".join(line.strip() for line in lines))
 
 
-def _marginal(axis: Any, values: Float) -> None:
-    axis.hist(values, bins=40, density=True, color=COLOURS[0], alpha=0.6, histtype="stepfilled")
-    axis.set_yticks([])
-    for q in np.quantile(values, [0.025, 0.975]):
-        axis.axvline(q, color="0.4", lw=0.7, ls=":")
+def _correlation(axis: Any, value: float) -> None:
+    """A correlation as a number on a tint of its sign."""
+    axis.set(xticks=[], yticks=[], facecolor=(CRITICAL if value < 0 else COLOURS[0], 0.35 * abs(value)))
+    axis.spines[:].set_visible(False)
+    axis.text(0.5, 0.5, f"{value:+.2f}".replace("-", "−"), ha="center", va="center", transform=axis.transAxes,
+              fontsize=TYPE)  # fmt: skip
+
+
+_SMOOTHED = 1.2
+"""Standard deviation of what smooths counts, bins: chosen, narrow beside the 10 bins or so of a standard deviation."""
+
+
+def _marginal(axis: Any, values: Float, truth: float | None) -> None:
+    """A smoothed histogram, darker where 95 % lie."""
+    counts, edges = np.histogram(values, bins=60)
+    height, centres = gaussian_filter1d(counts.astype(float), 2 * _SMOOTHED), (edges[1:] + edges[:-1]) / 2
+    low, high = np.quantile(values, [0.025, 0.975])
+    axis.fill_between(centres, height, color=COLOURS[0], alpha=0.15, lw=0)
+    axis.fill_between(centres, height, where=(centres >= low) & (centres <= high), color=COLOURS[0], alpha=0.3, lw=0)
+    axis.plot(centres, height, color=COLOURS[0], lw=1.3)
+    axis.set(yticks=[], ylim=(0, None))
+    axis.spines["left"].set_visible(False)
+    if truth is not None:
+        axis.axvline(truth, color=CRITICAL, lw=1.2, ls="--")
 
 
 def _density(axis: Any, x: Float, y: Float) -> None:
-    counts, xe, ye = np.histogram2d(x, y, bins=28)
+    """Regions of 68 and 95 %."""
+    counts, xe, ye = np.histogram2d(x, y, bins=36)
+    counts = gaussian_filter(counts, _SMOOTHED)
     order = np.sort(counts.ravel())[::-1]
     mass = np.cumsum(order) / order.sum()
-    levels = sorted({float(order[np.searchsorted(mass, level)]) for level in (0.68, 0.95)})
+    outer, inner = (float(order[np.searchsorted(mass, level)]) for level in (0.95, 0.68))
     centres = (xe[1:] + xe[:-1]) / 2, (ye[1:] + ye[:-1]) / 2
-    axis.pcolormesh(xe, ye, counts.T, cmap="Blues", rasterized=True)
-    if levels[0] > 0:
-        axis.contour(*centres, counts.T, levels=levels, colors="0.25", linewidths=0.7)
+    if 0 < outer < inner < order[0]:
+        axis.contourf(*centres, counts.T, levels=[outer, inner, order[0]], colors=("#D3DFEA", "#85A7C4"))
+        axis.contour(*centres, counts.T, levels=[outer, inner], colors=COLOURS[0], linewidths=0.8)
 
 
 @on_sheet
@@ -129,7 +178,7 @@ class PosteriorPlots:
         """Marginal and pairwise densities, the optimum of the fit marked.
 
         Args:
-            var_names: parameters that are drawn, all by default.
+            var_names: parameters that are drawn, by default the fluid's and those most correlated, six at most.
             truths: values by name that are marked in place of the optimum.
             **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot.bode`.
 
@@ -137,7 +186,7 @@ class PosteriorPlots:
             KeyError: a name that the posterior has not; the message names the nearest.
         """
         posterior, fit = self._posterior, self._posterior.fit
-        shown = list(posterior.names if var_names is None else var_names)
+        shown = list(corner_names(posterior.names, posterior.samples) if var_names is None else var_names)
         marked = dict(zip(fit.var_names, fit.x.tolist(), strict=True)) if truths is None else truths
         for name in (*shown, *(truths or {})):
             if name not in posterior.names:
@@ -146,7 +195,16 @@ class PosteriorPlots:
         labels = {name: name if unit == "1" else f"{name}, {unit}" for name, unit in units.items()}
         samples = posterior.samples[:, [posterior.names.index(name) for name in shown]]
         marks = {labels[name]: float(value) for name, value in marked.items() if name in labels}
-        return plot_corner(samples, list(labels.values()), marks, **look)
+        beside = "causes beside the model included" if posterior.settings.causes else "noise alone"
+        reads = (
+            f"Regions: 68 and 95 %. Red: {'the optimum of the fit' if truths is None else 'values given'}. "
+            f"Numbers: mean ± standard deviation, {beside}. Above the diagonal: correlation.",
+            f"{len(shown)} of {len(posterior.names)} fitted values; the others are left out, not fixed."
+            if len(shown) < len(posterior.names)
+            else "",
+        )
+        title = f"{rig_of(fit)}: posterior"
+        return plot_corner(samples, list(labels.values()), marks, title=title, reads=reads, **look)
 
     def traces(self, **look: Unpack[PlotKeywords]) -> Figure:
         """Walkers against the step.

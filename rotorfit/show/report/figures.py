@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rotorfit.base.array_types import Float
 from rotorfit.base.atomic_file import file_name
 from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S, shown_units
@@ -19,12 +18,11 @@ from rotorfit.identify.fitting.headline import leads_of
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.structure.modes import own_modes
 from rotorfit.identify.uncertainty.posterior import Posterior
-from rotorfit.models.parameters import bare_name
 from rotorfit.show.plots.figure_table import figures_of
 from rotorfit.show.report.html import Html, element, join, paragraph, picture, table
 from rotorfit.show.report.material import ReportInput
 from rotorfit.show.report.numbers import plain, with_error
-from rotorfit.show.report.parts import at_of, groups_of, note, section, sentence, symbol, unit_shown
+from rotorfit.show.report.parts import at_of, groups_of, note, section, sentence, symbol
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,9 +30,6 @@ if TYPE_CHECKING:
 
 _SAYS_ITSELF = ("dynamic_stiffness", "bode", "polar", "residuals")
 """Figures that say below their titles how they are read."""
-
-_FIRST = ("D", "lam", "lam_D", "lam_M", "Mf", "K0")
-"""Parameters that a corner plot shows before others."""
 
 
 def figure_sections(material: ReportInput) -> list[Html]:
@@ -158,29 +153,15 @@ def _mode_rows(fit: FitResult, label: str, group: int) -> Iterator[list[str]]:
 
 
 def _posterior(material: ReportInput, posterior: Posterior) -> Iterator[Html]:
-    fit = material.fit
-    names, samples = list(posterior.names), np.asarray(posterior.samples)
-    shown = _corner_columns(names, samples)
-    units = {name: unit_shown(p.unit) for name, p in fit.params.items() if p.unit != "1"}
-    labels = [f"{names[i]}, {units[names[i]]}" if names[i] in units else names[i] for i in shown]
-    marks = {
-        label: fit.params[names[i]].value for i, label in zip(shown, labels, strict=True) if names[i] in fit.params
-    }
-    caption = "Posterior: margins with their 95 % interval, and pairs with contours of 68 and 95 %; lines: the optimum."
-    if len(shown) < len(names):
-        caption += f" {len(shown)} of {len(names)} parameters: the fluid's, and those most correlated with others."
-
-    def corner() -> Figure:
-        from rotorfit.show.plots.uncertainty import plot_corner
-
-        return plot_corner(samples[:, shown], labels, marks)
 
     def traces() -> Figure:
-        from rotorfit.show.plots.uncertainty import plot_traces
+        from rotorfit.show.plots.uncertainty import corner_names, plot_traces
 
-        return plot_traces(posterior.chain[..., shown], [names[i] for i in shown])
+        shown = corner_names(posterior.names, posterior.samples)
+        return plot_traces(posterior.chain[..., [posterior.names.index(name) for name in shown]], shown)
 
-    yield embedded(material, "corner", corner, caption)
+    caption = "Margins with their 95 % interval, regions of 68 and 95 % of pairs, and correlations."
+    yield embedded(material, "corner", posterior.plot.corner, caption)
     yield element("h3", "Health of the chains")
     yield paragraph(sentence(posterior.message))
     yield paragraph(sentence(posterior.treatment))
@@ -203,13 +184,3 @@ def _health(posterior: Posterior) -> Html:
         "effective samples for the middle and for the tails of the distribution."
     )
     return join([table(head, rows, numeric=range(1, 5)), note(words)])
-
-
-def _corner_columns(names: list[str], samples: Float) -> list[int]:
-    """Columns that a corner plot shows, in order: the fluid's, then those most correlated with any other."""
-    corner = 8  # parameters a corner plot can show on a page
-    if len(names) <= corner:
-        return list(range(len(names)))
-    together = np.abs(np.corrcoef(samples, rowvar=False)) - np.eye(len(names))
-    rank = [(bare_name(name) not in _FIRST, -together[i].max()) for i, name in enumerate(names)]
-    return sorted(sorted(range(len(names)), key=lambda i: rank[i])[:corner])
