@@ -45,6 +45,20 @@ def test_no_two_texts_overlap_and_none_leaves_the_canvas(planes: tuple[str, ...]
     assert {name: faults for name, faults in found.items() if faults} == {}
 
 
+def test_of_five_planes_those_at_forces_and_in_the_fluid_are_drawn() -> None:
+    planes = ("a", "b", "c", "d", "e")
+    fit = fit_of(planes, (120.0,))
+    figure = fit.plot.bode()
+    titles = [axis.get_title(loc="left") for axis in figure.axes if axis.get_title(loc="left")]
+    at_forces, in_the_fluid = {f"{p}, force at {p}" for p in planes}, {f"e, force at {p}" for p in planes}
+    assert set(titles) == at_forces | in_the_fluid
+    assert {name: faults_of(one) for name, one in {"bode": figure, "polar": fit.plot.polar()}.items()} == {
+        "bode": [],
+        "polar": [],
+    }
+    assert len(fit.plot.bode(every=True).axes) == 2 * 25
+
+
 def test_the_budget_can_be_read() -> None:
     fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_lumped(), known={"K3": 6000.0})
     assert faults_of(fit.plot.budget()) == []

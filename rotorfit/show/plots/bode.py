@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -19,7 +20,15 @@ from rotorfit.models import RotorModel
 from rotorfit.show.plots import style
 from rotorfit.show.plots.dynamic_stiffness import draw_drive_point
 from rotorfit.show.plots.journal import rig_of
-from rotorfit.show.plots.sweeps import SweepCondition, SweepCurve, curves, forced_planes, joined, measured_curves
+from rotorfit.show.plots.sweeps import (
+    SweepCondition,
+    SweepCurve,
+    curves,
+    forced_planes,
+    joined,
+    leading,
+    measured_curves,
+)
 
 
 def panels_of(
@@ -154,8 +163,9 @@ def plot_bode(
     against: str = "frequency",
     mr: float | None = None,
     beside: FitResult | None = None,
+    every: bool = False,
 ) -> Figure:
-    """Amplitude and phase of every response per unit force against signed perturbation frequency.
+    """Amplitude and phase of responses per unit force against signed perturbation frequency.
 
     Rows are probes (amplitude, then phase), columns force planes; colours are rotative speeds and, of nonlinear fluids,
     levels of the force. Points are measured; lines are fitted, with their 95 % bands. The phase is that by which the
@@ -163,11 +173,14 @@ def plot_bode(
 
     ``against``: ``ratio`` draws over frequency over rotative speed (Fig. 9), ``size`` forward and backward over one
     another, these dashed and open (Fig. 8). ``mr``, kg m: amplitudes under that unbalance. ``beside``: drawn dotted.
+    ``every``: all responses of more than three planes.
     """
-    conditions, found = curves(fit, sheet)
+    conditions, whole = curves(fit, sheet)
+    found, left_out = leading(fit.model, whole, every=every)
     along = _axis_of(sheet, found, against, mr)
-    others = [] if beside is None else curves(beside, sheet)[1]
-    figure = _bode(fit.model, found, along, f"{rig_of(fit)}: responses{_weight(mr)} and the fit", others)
+    others = [] if beside is None else leading(fit.model, curves(beside, sheet)[1], every=every)[0]
+    title = f"{rig_of(fit)}: responses{_weight(mr)} and the fit"
+    figure = _bode(fit.model, found, along, title, others, left_out)
     marks = direction_marks(found, ".", " (fit dashed)") if against == "size" else None
     told = "" if beside is None else style.literal(beside.message)
     condition_legend(figure, conditions, "fit and 95 % band", marks, told)
@@ -186,10 +199,15 @@ def plot_measured_bode(
 
 
 def _bode(
-    model: RotorModel, found: Sequence[SweepCurve], along: _Axis, title: str, others: Sequence[SweepCurve] = ()
+    model: RotorModel,
+    found: Sequence[SweepCurve],
+    along: _Axis,
+    title: str,
+    others: Sequence[SweepCurve] = (),
+    left_out: Sequence[str] = (),
 ) -> Figure:
     """Curves in their panels, without a legend; of others their lines alone."""
-    reads = _RUNS_ON if along.runs_on else _LEADS
+    reads = (*(_RUNS_ON if along.runs_on else _LEADS), *left_out)
     low = 1.33 if len({(c.coordinate, c.force_plane) for c in found}) > 1 else 1.8  # inches of a panel
     figure, panels, bottom = panels_of(
         along.sheet, found, title, rows=2, size=(5.2, low), one_abscissa=True, reads=reads
@@ -227,8 +245,11 @@ def _share_scales(panels: Mapping[tuple[int, int], Sequence[Any]]) -> None:
             by_unit.setdefault(pair[row].get_ylabel(), []).append(pair[row])
         for axes in by_unit.values():
             ends = np.array([axis.get_ylim() for axis in axes])
+            low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
             for axis in axes:
-                axis.set_ylim(float(ends[:, 0].min()), float(ends[:, 1].max()))
+                axis.set_ylim(low, high)
+                if isinstance(axis.yaxis.get_major_locator(), MultipleLocator):  # angles, of many modes many turns
+                    axis.yaxis.set_major_locator(MultipleLocator(180 * max(math.ceil((high - low) / 900), 1)))
 
 
 def _weight(mr: float | None) -> str:

@@ -59,15 +59,18 @@ class FitPlots:
         against: str = "frequency",
         mr: float | None = None,
         beside: FitResult | None = None,
+        every: bool = False,
         **look: Unpack[PlotKeywords],
     ) -> Figure:
-        """Amplitude and phase of every response against frequency.
+        """Amplitude and phase of responses against frequency.
 
         Args:
             against: ``"frequency"``, signed; ``"ratio"``, that over the rotative speed (Fig. 9); ``"size"``, forward
                 and backward over one another (Fig. 8).
             mr: an unbalance, kg m, for which amplitudes are drawn in place of those per unit force.
             beside: another rotor, of :meth:`rotorfit.FitResult.what_if`, whose lines are drawn dotted.
+            every: of more than three planes draw all responses; otherwise those at the forces, and those of the planes
+                in the fluid.
             **look: ``ax``: axes to draw in, one or as many as the figure has panels; one place for several panels is
                 divided, and a figure or subfigure filled. ``unit``: of frequencies (``"rpm"``, ``"hz"``, ``"rad_s"``),
                 of lengths (``"um"``, ``"mil_pp"``, ``"mm"``), or both, ``("hz", "mil_pp")``.
@@ -82,7 +85,7 @@ class FitPlots:
         Example:
             >>> fit.plot.bode(against="size", unit="hz").savefig(folder / "bode.png")
         """
-        return plot_bode(self._fit, against=against, mr=mr, beside=beside, **look)
+        return plot_bode(self._fit, against=against, mr=mr, beside=beside, every=every, **look)
 
     def drive_point(self, *, plane: str | None = None, mr: float | None = None, **look: Unpack[PlotKeywords]) -> Figure:
         """Phase, amplitude and dynamic stiffness of a forced plane above one another, a colour a condition (Fig. 11).
@@ -101,9 +104,9 @@ class FitPlots:
         """
         return plot_drive_point(self._fit, plane=plane, mr=mr, **look)
 
-    def polar(self, **look: Unpack[PlotKeywords]) -> Figure:
-        """Responses in the complex plane; ``ax`` and ``unit`` as for :meth:`bode`."""
-        return plot_polar(self._fit, **look)
+    def polar(self, *, every: bool = False, **look: Unpack[PlotKeywords]) -> Figure:
+        """Responses in the complex plane; ``every``, ``ax`` and ``unit`` as for :meth:`bode`."""
+        return plot_polar(self._fit, every=every, **look)
 
     def residuals(self, **look: Unpack[PlotKeywords]) -> Figure:
         """Whitened residuals against frequency; ``ax`` and ``unit`` as for :meth:`bode`."""

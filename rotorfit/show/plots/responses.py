@@ -39,7 +39,7 @@ from rotorfit.show.plots.style import (
     shades,
     square_axis,
 )
-from rotorfit.show.plots.sweeps import SweepCondition, SweepCurve, curves, joined, measured_curves
+from rotorfit.show.plots.sweeps import SweepCondition, SweepCurve, curves, joined, leading, measured_curves
 
 _TURNING = "Angle: motion ahead of the force, counted in the direction of rotation, 0° to the right."
 _LEADING = "Angle: lead of the probe over a force along it, 0° to the right."
@@ -50,14 +50,16 @@ _RESIDUALS = (
 
 
 @on_sheet
-def plot_polar(fit: FitResult, *, sheet: Sheet) -> Figure:
+def plot_polar(fit: FitResult, *, sheet: Sheet, every: bool = False) -> Figure:
     """Responses per unit force in the complex plane, backward and forward in panels of their own.
 
     Angles are those of x + jy over the force, counted in the direction of rotation; of x and y apart, phase leads of
     the probe. Circles along the fitted lines are at round frequencies, rings about zero have one step.
     """
-    conditions, found = curves(fit, sheet)
-    return _polar(sheet, fit.model, conditions, found, f"{rig_of(fit)}: polar responses and the fit", "fit")
+    conditions, whole = curves(fit, sheet)
+    found, left_out = leading(fit.model, whole, every=every)
+    title = f"{rig_of(fit)}: polar responses and the fit"
+    return _polar(sheet, fit.model, conditions, found, title, "fit", left_out)
 
 
 @on_sheet
@@ -73,6 +75,7 @@ def _polar(
     found: Sequence[SweepCurve],
     title: str,
     line: str,
+    left_out: Sequence[str] = (),
 ) -> Figure:
     panels = sorted({(c.coordinate, c.force_plane, _is_forward(c)) for c in found})
     ways, pairs = sorted({forward for *_, forward in panels}), sorted({panel[:2] for panel in panels})
@@ -81,7 +84,7 @@ def _polar(
     rows = -(-len(pairs) * len(ways) // across)
     side = PAGE[0] / max(across, 2)
     signed = all(c.signed for c in found)
-    reads = (_TURNING if signed else _LEADING, _POLAR.format(sheet.rate_unit))
+    reads = (_TURNING if signed else _LEADING, _POLAR.format(sheet.rate_unit), *left_out)
     words, above = 0.5, 0.6  # inches of the words about a panel, and of those above and below all of them
     figure, axes = sheet.grid(rows, across, title, size=(side, side + words + above / rows), reads=reads)
     places = dict(zip([(*pair, way) for pair in pairs for way in ways], axes.flat, strict=False))

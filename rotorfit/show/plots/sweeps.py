@@ -221,6 +221,21 @@ def joined(found: Sequence[SweepCurve]) -> list[SweepCurve]:
     return whole
 
 
+def leading(
+    model: RotorModel, found: Sequence[SweepCurve], *, every: bool
+) -> tuple[Sequence[SweepCurve], tuple[str, ...]]:
+    """Of more responses than a page shows those of planes to forces at themselves, and of planes in the fluid to all;
+    and words on what is left out."""
+    most = 9  # panels that can be read on a page
+    count = len({(c.coordinate, c.force_plane) for c in found})
+    wet = {fluid.plane for fluid in getattr(model, "fluids", ())}
+    first = [c for c in found if c.coordinate == c.force_plane or model.coordinates[c.coordinate].plane in wet]
+    if every or count <= most or not first:
+        return found, ()
+    drawn = len({(c.coordinate, c.force_plane) for c in first})
+    return first, (f"{drawn} of {count} responses, those at forces and in the fluid; every=True draws all.",)
+
+
 def measured_curves(test: PerturbationTest, sheet: Sheet) -> tuple[RotorModel, list[SweepCondition], list[SweepCurve]]:
     """Coordinates of a test, its conditions, and every measured response as a curve through the readings."""
     planes = tuple(dict.fromkeys((*test.planes, *test.force_planes)))
