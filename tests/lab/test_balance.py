@@ -51,6 +51,11 @@ def test_weights_of_the_field_case_are_least_squares() -> None:
     np.testing.assert_allclose(found.expected, before + influences.solved.influence @ expected, rtol=1e-9)
     assert "trial 2 stay in: 11.1 g mm at -35.0 deg in aft, 3.7 g mm at -135.0 deg in fwd" in found.summary()
     assert "no error of the weights is known" in found.summary()
+    left = before + influences.solved.influence @ expected
+    worst = [f"{1e6 * np.abs(z).max():.3g}" for z in (before, left)]
+    said = f"The largest vibration, {worst[0]} um 0-pk"
+    assert found.summary().startswith(said)
+    assert f"is expected to become {worst[1]} +- ? um 0-pk" in found.verdict  # whose error no run tells
     # from the reference the same weights are those in trial 2 and what comes on top of them
     kept = np.array([11.1 * np.exp(-1j * np.radians(35)), 3.7 * np.exp(-1j * np.radians(135))]) * 1e-6
     np.testing.assert_allclose(rf.balance(influences).weight, kept + expected, rtol=1e-9)

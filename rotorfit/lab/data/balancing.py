@@ -92,9 +92,26 @@ class Balance(Printed):
         turn = across / size if not across >= size else np.pi
         return (max(size - along, 0.0), size + along), (angle - turn, angle + turn)
 
+    @property
+    def verdict(self) -> str:
+        """The largest vibration without and with the weights, in a sentence; empty where no run tells what they do."""
+        if not np.isfinite(self.expected).any():
+            return ""
+        before, after = int(np.argmax(np.abs(self.before))), int(np.nanargmax(np.abs(self.expected)))
+        reach = _reach(quantile(0.95, self.freedom) * self.stderr[after] * 1e6)
+        left = f"{significant(abs(self.expected[after]) * 1e6, 3)} {reach}"
+        return (
+            f"The largest vibration, {significant(abs(self.before[before]) * 1e6, 3)} um 0-pk ({self._probe(before)}), "
+            f"is expected to become {left} um 0-pk ({self._probe(after)})."
+        )
+
+    def _probe(self, reading: int) -> str:
+        return f"{' '.join(self.readings[reading])} at {self.speed[reading] * RPM_PER_RAD_S:.0f} rpm"
+
     def summary(self) -> str:
-        """Tables of the weights, with 95 % intervals, and of the vibration before and after."""
-        lines = ["add (angles as force_phase_deg, lead, and as force_phase_lag_deg; +- are 95 % intervals):"]
+        """The largest vibration before and after, tables of the weights, with 95 % intervals, and of the vibration."""
+        lines = [self.verdict, ""] if self.verdict else []
+        lines += ["add (angles as force_phase_deg, lead, and as force_phase_lag_deg; +- are 95 % intervals):"]
         lines += text_table(self._weight_rows(), "<14 >12 <12 >10 <10 >10 <20")
         for plane, pair in self.holes.items():
             put = (f"{significant(mr * 1e6, 4)} g mm at {significant(np.degrees(at) % 360, 5)} deg" for at, mr in pair)
