@@ -79,6 +79,15 @@ def test_labview_text_is_read(tmp_path: Path, times: str, comma: bool, separator
         assert channel.unit == "Volts"
 
 
+@pytest.mark.parametrize(("comma", "word", "mark"), [(False, "Comma", ","), (True, "Semicolon", ";")])
+def test_the_heading_of_labview_may_be_separated_as_the_rest(tmp_path: Path, comma: bool, word: str, mark: str) -> None:
+    text = lvm(times="One", comma=comma).replace("\t", mark).replace(f"Separator{mark}Tab", f"Separator{mark}{word}")
+    (tmp_path / "a.lvm").write_text(text, encoding="utf-8")
+    for name, values in zip(NAMES, ROWS.T, strict=True):
+        channel = open_raw(tmp_path / "a.lvm").channels[name]
+        np.testing.assert_array_equal(channel.samples(0, channel.size), values)
+
+
 def test_a_recording_by_labview_is_a_recording(tmp_path: Path) -> None:
     (tmp_path / "a.lvm").write_text(lvm(), encoding="utf-8")
     (tmp_path / "a.txt").write_text(lvm(), encoding="utf-8")

@@ -105,6 +105,16 @@ def test_json_of_records_is_the_table(tmp_path: Path, form: str) -> None:
     assert test.source == "a.json"
 
 
+def test_json_may_hold_a_record_a_line(tmp_path: Path) -> None:
+    (tmp_path / "a.json").write_text("\n".join(map(json.dumps, RECORDS)) + "\n\n", encoding="utf-8")
+    (tmp_path / "b.json").write_text(json.dumps(RECORDS), encoding="utf-8")
+    same, test = read(tmp_path / "b.json"), read(tmp_path / "a.json")
+    np.testing.assert_array_equal(test.response, same.response)
+    (tmp_path / "c.json").write_text('{"run": 1}\n{"run": 2', encoding="utf-8")
+    with pytest.raises(ValueError, match=r"c\.json is not JSON: Expecting"):
+        read(tmp_path / "c.json")
+
+
 def test_json_with_gaps(tmp_path: Path) -> None:
     rows = [{**row} for row in RECORDS]
     rows[2]["amplitude_um"], rows[5]["amplitude_um"] = None, float("nan")
@@ -162,6 +172,7 @@ def stiffness(names: str, factor: float, *, isotropic: bool = False, noise: floa
         ("{}_H{} [kN/mm]", 1e6),
         ("{} Z{} [lbf/in]", 4.4482216152605 / 0.0254),
         ("{}_dynamic_stiffness_{}_N_um", 1e6),
+        ("{}(H{}) [MN/m]", 1e6),
     ],
 )
 def test_published_dynamic_stiffness_gives_all_coefficients(tmp_path: Path, names: str, factor: float) -> None:
@@ -333,6 +344,28 @@ def test_sheets_one_a_probe_are_one_test(tmp_path: Path) -> None:
     odd = {"Brg 1 Y": ["Speed (rpm)", "1X Ampl (um pp)", "1X Phase (deg lag)", "Temp (C)"]}
     with pytest.raises(ValueError, match=r"b\.xlsx: sheet 'Brg_1_Y' has other columns than the first: Temp"):
         read(book(tmp_path / "b.xlsx", ["Brg 1 X", "Brg 1 Y"], odd))
+
+
+def test_units_may_have_a_row_of_their_own_below_a_point(tmp_path: Path) -> None:
+    workbook = Workbook()
+    workbook.active.append(["made by", "me"])
+    for point in ("DE X", "DE Y"):
+        sheet = workbook.create_sheet(point)
+        for row in (["Point:", point], [], ["Speed", "1X Amplitude", "1X Phase"], ["rpm", "um pp", "deg"]):
+            sheet.append(row)
+        for k, rpm in enumerate(SPEEDS):
+            sheet.append([rpm, 20 + k, 45 + k])
+    workbook.save(tmp_path / "a.xlsx")
+    test = read(tmp_path / "a.xlsx")
+    assert test.planes == ("DE",)
+    np.testing.assert_allclose(np.abs(test.response)[:5], [(10 + k / 2) * 1e-6 for k in range(5)])
+
+
+def test_orders_of_a_rotor_at_rest_are_no_frequencies(tmp_path: Path) -> None:
+    rows = [[row[0], "0", "0.5", *row[3:]] for row in ROWS]
+    (tmp_path / "a.csv").write_text(table(rows, HEADER.replace("frequency_rpm", "order")), encoding="utf-8")
+    with pytest.raises(ValueError, match=r"a\.csv: line 2: an order of a rotor at rest is no frequency"):
+        read(tmp_path / "a.csv")
 
 
 def test_a_chart_that_has_a_sheet_of_its_own_is_passed_over(tmp_path: Path) -> None:

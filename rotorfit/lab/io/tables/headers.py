@@ -229,6 +229,11 @@ def with_orders(table: Table) -> Table:
         raise ValueError(f"{table.source}: frequencies are given twice, as {both}; keep one of them")
     speed = next(iter(speeds))
     values = table.number((orders[0], 1.0)) * np.abs(table.number((speed, 1.0)))
+    if still := np.flatnonzero((table.number((speed, 1.0)) == 0) & (table.number((orders[0], 1.0)) != 0)).tolist():
+        raise ValueError(
+            f"{table.source}: line {table.lines[still[0]]}: an order of a rotor at rest is no frequency; give a column "
+            "frequency_hz"
+        )
     kept = table.rows(np.arange(len(table.lines)), without={orders[0]})
     unit = table.names[speed][len("speed_") :]
     return kept.with_columns({f"frequency_{unit}": Numbers(values)})

@@ -1,12 +1,14 @@
 """JSON of records as a table: a list of objects with the columns of a row, or an object of columns.
 
-A list may stand inside an object as its only list of objects (``{"meta": ..., "data": [...]}``), and the columns may be
-apart from the rows, as pandas splits them (``{"columns": [...], "data": [[...], ...]}``).
+A list may stand inside an object as its only list of objects (``{"meta": ..., "data": [...]}``), the columns may be
+apart from the rows, as pandas splits them (``{"columns": [...], "data": [[...], ...]}``), and a file may hold an object
+a line.
 """
 
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +18,8 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 SUFFIX = ".json"
+_LINES = re.compile(r"\s*\{[^\n]*\}\s*\n\s*\{")
+"""How a file begins that holds an object a line."""
 _FORM = (
     'readings are a list of objects, [{"run": "a", "speed_rpm": 1500, ...}, ...], with the names of the columns of a '
     "CSV; or save them as CSV"
@@ -28,7 +32,9 @@ def json_frame(path: Path) -> DataFrame:
 
     check_whole(path, "JSON")
     try:
-        content = json.loads(path.read_text(encoding="utf-8-sig"))
+        text = path.read_text(encoding="utf-8-sig")
+        lines = filter(str.strip, text.split("\n"))
+        content = [json.loads(line) for line in lines] if _LINES.match(text) else json.loads(text)
     except UnicodeDecodeError as problem:
         raise ValueError(f"{path.name} is not JSON: byte {problem.start} is no UTF-8") from problem
     except json.JSONDecodeError as problem:

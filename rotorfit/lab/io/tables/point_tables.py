@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -41,7 +42,11 @@ def _point(rows: Sequence[Sequence[str]]) -> tuple[str, str] | None:
     """Plane and direction that the titles say, above a header without them."""
     for number, row in enumerate(rows):
         cells = [cell.strip() for cell in row if cell.strip()]
-        named = {quantity_meant(cell).partition("_")[0] for cell in cells}
+        below = rows[number + 1] if number + 1 < len(rows) and all(map(is_unit, filter(None, rows[number + 1]))) else ()
+        meant = [
+            quantity_meant(f"{cell} ({unit})" if unit else cell) for cell, unit in zip_longest(row, below, fillvalue="")
+        ]
+        named = {name.partition("_")[0] for name in meant}
         if len(cells) > 2:  # the header
             if not {"amplitude", "phase", "speed"} <= named or {"plane", "direction"} & named:
                 return None

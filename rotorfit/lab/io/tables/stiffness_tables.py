@@ -20,7 +20,7 @@ from rotorfit.lab.io.tables.cells import Numbers
 from rotorfit.lab.io.tables.table import Table
 
 _NAME = re.compile(
-    r"(re|real|im|imag)[ _]*(?:dynamic[ _]*stiffness|[hkzdf])?[ _]*(xx|xy|yx|yy)[ _\[(]*(.*?)[ _\])]*", re.I
+    r"(re|real|im|imag)[ _(]*(?:dynamic[ _]*stiffness|[hkzdf])?[ _]*(xx|xy|yx|yy)[ _\[()]*(.*?)[ _\])]*", re.I
 )
 _PER_LENGTH = re.compile(r"(\w+?)[ _]*(?:/|_per_|[ _])[ _]*(m|mm|um|in|mil)", re.I)
 _SIGMA = re.compile(r"sigma[ _]*[hkzdf]?[ _\[(]*(.*?)[ _\])]*", re.I)

@@ -14,6 +14,7 @@ from datetime import datetime, timedelta
 from io import StringIO
 from itertools import islice, pairwise
 from pathlib import Path
+from string import ascii_letters, digits
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ from rotorfit.lab.recordings.formats.raw_file import RawArray, RawChannel, RawFi
 
 FIRST_LINE = "LabVIEW Measurement"
 _END, _TIME = "***End_of_Header***", "X_Value"
+_LETTERS = f"{ascii_letters}{digits}_ "
+"""Characters of a key."""
 _ROWS = 1 << 17
 """Rows turned into numbers at once."""
 
@@ -106,7 +109,7 @@ def _outline(path: Path, encoding: str) -> tuple[_Heading, list[_Segment]]:
                 segments[-1] = replace(segments[-1], rows=segments[-1].rows + 1)
             elif text.startswith(_END):
                 place = "names" if place == "segment" else "segment"
-                separator = "," if whole.get("Separator", [""])[0].lower() == "comma" else "\t"
+                separator = _separator(whole)
                 own = {} if place == "segment" else own
             elif place == "names" and text.strip():
                 cells = [cell.strip() for cell in text.split(separator)]
@@ -116,9 +119,16 @@ def _outline(path: Path, encoding: str) -> tuple[_Heading, list[_Segment]]:
             elif place == "rows" and text.startswith(f"Channels{separator}"):  # of a further segment
                 place, own = "segment", {}
             if place in ("file", "segment") and text.strip() and not text.startswith("***"):
-                key, *values = (cell.strip() for cell in re.split(r"\t" if place == "file" else separator, text))
+                # the heading of the file says the separator, by standing behind its keys
+                between = separator if place == "segment" else text.lstrip(_LETTERS)[:1] or separator
+                key, *values = (cell.strip() for cell in text.split(between))
                 (whole if place == "file" else own)[key] = values or [""]
     return whole, [_without_blanks(path.name, one) for one in segments if one.rows]
+
+
+def _separator(heading: _Heading) -> str:
+    """What stands between cells below the heading of the file."""
+    return {"comma": ",", "semicolon": ";"}.get(heading.get("Separator", [""])[0].lower(), "\t")
 
 
 def _without_blanks(source: str, segment: _Segment) -> _Segment:
@@ -214,7 +224,7 @@ def _numbers(
     path: Path, encoding: str, heading: _Heading, segments: Sequence[_Segment]
 ) -> Iterator[NDArray[np.float64]]:
     """Numbers of all segments, row by row, in pieces; what a row does not have is NaN."""
-    separator = "," if heading.get("Separator", [""])[0].lower() == "comma" else "\t"
+    separator = _separator(heading)
     decimal = heading.get("Decimal_Separator", ["."])[0][:1]
     with path.open(encoding=encoding) as file:
         at = 0
