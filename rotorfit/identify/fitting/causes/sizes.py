@@ -16,7 +16,7 @@ class Size:
     remedy: str
 
 
-_CALIBRATE = "calibrate the probes on the shaft (calibration=)"
+_CALIBRATE = "measure the sensitivity of the probes on the shaft (probe_gain=)"
 _SPEEDS = "test at a second speed, or fit a law of speed (law=rf.models.LinearInSpeed)"
 _RING_DOWN = "measure a ring-down without fluid"
 _ERROR = "give its own error (known={NAME: (value, error)}), or fit it"
