@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 import resource
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from zipfile import ZipFile
 
 import h5py
 import numpy as np
@@ -57,6 +59,26 @@ def test_workbooks_and_files_of_thousands_of_parts(tmp_path: Path) -> None:
         rf.read(tmp_path / "a.xlsx")
     with soon(), pytest.raises(ValueError, match=r"^a\.h5 holds more than 16384 groups and data sets"):
         rf.read_recording(tmp_path / "a.h5")
+
+
+def test_sheets_that_share_a_part(tmp_path: Path) -> None:
+    """One sheet named thousands of times in the list, wherever the parts of the workbook stand."""
+    from openpyxl import Workbook
+
+    book = Workbook()
+    book.active.append(["a", 1])
+    book.save(tmp_path / "whole.xlsx")
+    with ZipFile(tmp_path / "whole.xlsx") as whole, ZipFile(tmp_path / "a.xlsx", "w") as made:
+        for name in whole.namelist():
+            text = whole.read(name).decode().replace("/xl/workbook.xml", "/xl/wb.xml")
+            text = re.sub("<sheet [^>]*>", lambda one: one[0] * 9000, text)
+            made.writestr(name.replace("workbook.xml", "wb.xml"), text)
+    with soon(), pytest.raises(ValueError, match=r"^a\.xlsx has 9000 sheets; up to 256 are read"):
+        rf.read(tmp_path / "a.xlsx")
+    with ZipFile(tmp_path / "b.xlsx", "w") as made:
+        made.writestr("xl/workbook.xml", "")
+    with pytest.raises(ValueError, match=r"b\.xlsx is not a readable"):
+        rf.read(tmp_path / "b.xlsx")
 
 
 @pytest.mark.parametrize("suffix", ["csv", "uff", "nc", "mat", "json", "xlsx", "lvm", "txt"])
