@@ -417,7 +417,8 @@ def test_times_of_samples_may_be_dates(tmp_path: Path, stamp: str) -> None:
     [
         (1, "1e30", "speed is 1.05e.29 rad/s; up to 1e.10 are allowed"),
         (2, "1e25", "frequency is 1.05e.24 rad/s; up to 1e.10"),
-        (4, "1e-303", "a force of 1e-303 N; forces other than zero are at least 1e-30 N"),
+        (4, "1e-303", "force is 1e-303 in SI units; other than zero it is at least 1e-30"),
+        (8, "1e-303", "response is 1e-309 in SI units; other than zero it is at least 1e-30"),
     ],
 )
 def test_numbers_that_no_machine_has_are_refused(tmp_path: Path, column: int, cell: str, words: str) -> None:

@@ -209,11 +209,12 @@ def _check_sizes(test: Experiment) -> None:
                 f"{test.source or 'the table'}: reading {rows[0] + 1}: {name} is {column[rows[0]]:.3g} rad/s; up to "
                 f"{_FASTEST:g} are allowed: is its unit right?"
             )
-        small = (column != 0) & (np.abs(column) < 1 / LARGEST) if name == "force" else np.zeros(0)
+        vanishing = name in ("force", "response", "sigma")
+        small = (column != 0) & (np.abs(column) < 1 / LARGEST) if vanishing else np.zeros(0)
         if (rows := np.flatnonzero(small)).size:
             raise ValueError(
-                f"{test.source or 'the table'}: reading {rows[0] + 1}: a force of {abs(column[rows[0]]):.3g} N; forces "
-                f"other than zero are at least {1 / LARGEST:g} N"
+                f"{test.source or 'the table'}: reading {rows[0] + 1}: {name} is {abs(column[rows[0]]):.3g} in SI "
+                f"units; other than zero it is at least {1 / LARGEST:g}"
             )
         for part in (column.real, column.imag) if column.dtype.kind in "fc" else ():
             if max(np.fmax.reduce(part, initial=0.0), -np.fmin.reduce(part, initial=0.0)) > LARGEST:
