@@ -22,10 +22,18 @@ def unknown_name(kind: str, name: str, allowed: Iterable[str]) -> str:
 
 
 def nearest(name: str, allowed: Iterable[str], cutoff: float) -> str:
-    """The nearest of some names that is of the same unit; empty where none is."""
+    """The nearest of some names that is of the same quantity and unit; empty where none is."""
     near = difflib.get_close_matches(name[:_LONGEST], list(allowed), n=5, cutoff=cutoff)
     near.sort(key=lambda other: sorted(other) != sorted(name))  # letters exchanged, before others left out
-    return next((other for other in near if _same_unit(name, other)), "")
+    return next((other for other in near if _same_quantity(name, other) and _same_unit(name, other)), "")
+
+
+def _same_quantity(name: str, other: str) -> bool:
+    """True unless the first of several words is another one: what is measured stands there."""
+    (word, *rest), (known, *others) = (re.split(r"[_ ]+", each.lower()) for each in (name, other))
+    alike = 0.6  # of a word that is misspelt; mobility and velocity are a half
+    short = word.startswith(known) or known.startswith(word)
+    return not (rest and others) or short or difflib.SequenceMatcher(None, word, known).ratio() >= alike
 
 
 def _same_unit(name: str, other: str) -> bool:
