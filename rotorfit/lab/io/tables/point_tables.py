@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +23,8 @@ if TYPE_CHECKING:
 
 _TITLE = re.compile(r"(?i)^(?:measurement )?(?:point|channel|probe|location|sensor)(?: name)?\s*[:=]?\s*(.*)$")
 _POINT = re.compile(r"(?P<plane>.*[^A-Za-z])(?P<axis>[XYxy])")
+_SAID = {"amplitude", "phase", "speed"}
+"""Quantities of the columns."""
 
 Points = Mapping[str | None, tuple[str, str]]
 """Plane and direction of a probe by sheet; of a text file by None."""
@@ -42,13 +43,13 @@ def _point(rows: Sequence[Sequence[str]]) -> tuple[str, str] | None:
     """Plane and direction that the titles say, above a header without them."""
     for number, row in enumerate(rows):
         cells = [cell.strip() for cell in row if cell.strip()]
-        below = rows[number + 1] if number + 1 < len(rows) and all(map(is_unit, filter(None, rows[number + 1]))) else ()
-        meant = [
-            quantity_meant(f"{cell} ({unit})" if unit else cell) for cell, unit in zip_longest(row, below, fillvalue="")
-        ]
-        named = {name.partition("_")[0] for name in meant}
+        named = {quantity_meant(cell).partition("_")[0] for cell in cells}
         if len(cells) > 2:  # the header
-            if not {"amplitude", "phase", "speed"} <= named or {"plane", "direction"} & named:
+            below = rows[number + 1 : number + 2]
+            if not named >= _SAID and below and all(map(is_unit, filter(None, below[0]))):
+                units = zip(row, below[0], strict=False)
+                named = {quantity_meant(f"{cell} ({unit})").partition("_")[0] for cell, unit in units}
+            if not named >= _SAID or {"plane", "direction"} & named:
                 return None
             titles = [[cell.strip() for cell in above if cell.strip()] for above in rows[:number]]
             break
