@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import resource
@@ -59,6 +60,13 @@ def test_workbooks_and_files_of_thousands_of_parts(tmp_path: Path) -> None:
         rf.read(tmp_path / "a.xlsx")
     with soon(), pytest.raises(ValueError, match=r"^a\.h5 holds more than 16384 groups and data sets"):
         rf.read_recording(tmp_path / "a.h5")
+
+
+def test_records_of_hundred_thousands_of_keys(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps([{f"k{i}": 1 for i in range(200_000)}] * 2), encoding="utf-8")
+    with soon(), pytest.raises(ValueError, match=r"^a\.json has 200000 columns; up to 16384 are read"):
+        rf.read(path)
 
 
 def test_sheets_that_share_a_part(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rotorfit.base.file_reading import check_unpacked, check_whole
+from rotorfit.lab.io.tables.cells import check_columns
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -41,6 +42,7 @@ def json_frame(path: Path) -> DataFrame:
         raise ValueError(f"{path.name} is not JSON: {problem}") from problem
     rows = _records(path.name, content)
     columns = list(dict.fromkeys(key for row in rows for key in row))
+    check_columns(path.name, len(columns))
     check_unpacked(path.name, 8.0 * len(rows) * len(columns), path.stat().st_size)
     for number, row in enumerate(rows, 1):
         for key, value in row.items():
