@@ -69,6 +69,13 @@ def test_records_of_hundred_thousands_of_keys(tmp_path: Path) -> None:
         rf.read(path)
 
 
+def test_millions_of_records_of_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    path.write_text("[" + ",".join(['{"a":1}'] * 2_000_000) + "]", encoding="utf-8")
+    with soon(), pytest.raises(ValueError, match=r"^a\.json would take .* bytes of memory"):
+        rf.read(path)
+
+
 def test_sheets_that_share_a_part(tmp_path: Path) -> None:
     """One sheet named thousands of times in the list, wherever the parts of the workbook stand."""
     from openpyxl import Workbook

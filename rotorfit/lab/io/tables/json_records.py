@@ -12,7 +12,8 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rotorfit.base.file_reading import check_unpacked, check_whole
+from rotorfit.base.digits import significant
+from rotorfit.base.file_reading import allowed_bytes, check_unpacked, check_whole
 from rotorfit.lab.io.tables.cells import check_columns
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ def json_frame(path: Path) -> DataFrame:
     check_whole(path, "JSON")
     try:
         text = path.read_text(encoding="utf-8-sig")
+        _check_memory(path.name, text)
         lines = filter(str.strip, text.split("\n"))
         content = [json.loads(line) for line in lines] if _LINES.match(text) else json.loads(text)
     except UnicodeDecodeError as problem:
@@ -49,6 +51,17 @@ def json_frame(path: Path) -> DataFrame:
             if isinstance(value, dict | list):
                 raise ValueError(f"{path.name}: record {number}, {key!r} holds several values; {_FORM}")
     return DataFrame({key: [_cell(row.get(key)) for row in rows] for key in columns}, dtype=object)
+
+
+def _check_memory(name: str, text: str) -> None:
+    """Refuse what would take gigabytes as objects: Python takes so many bytes for each object and each value."""
+    of_object, of_value, most = 300, 40, 8 * allowed_bytes(0)
+    needed = of_object * text.count("{") + of_value * text.count(",")
+    if needed > most:
+        raise ValueError(
+            f"{name} would take {significant(needed, 2)} bytes of memory; up to {most} are taken for JSON: save the "
+            "readings as CSV"
+        )
 
 
 def _records(name: str, content: Any) -> list[dict[str, Any]]:
