@@ -333,9 +333,12 @@ def refit(
     wanted = replace(
         settings.asked, known=known, priors={**settings.priors, **(priors or {})}, start=start, refined=chosen
     )
+    if with_causes:
+        return fitted(model, fit.experiments, wanted)
     # A candidate begins at the optimum of the model inside it, from where damped steps lead down.
     method = "gauss-newton" if settings.method == "auto" else settings.method
-    return fitted(model, fit.experiments, wanted if with_causes else replace(wanted, causes=None, method=method))
+    found = fitted(model, fit.experiments, replace(wanted, causes=None, method=method))
+    return replace(found, settings=replace(found.settings, method=settings.method))
 
 
 @dataclass(frozen=True, kw_only=True)
