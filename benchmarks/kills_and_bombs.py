@@ -294,12 +294,18 @@ def _text(of: Callable[[int], str]) -> Callable[[Path, float], None]:
     return write
 
 
+def _sparse_structure(path: Path, factor: float) -> None:
+    _sparse_matrix(path.with_suffix(".mat"), factor)
+    text = f'structure = "{path.stem}.mat"\nplanes = {{a = 0}}\nparams = {{}}\ntest = {{speed_rpm = 100}}\n'
+    path.write_text(text, encoding="utf-8")
+
+
 BOMBS: dict[str, tuple[str, Callable[[Path, float], None]]] = {
     "workbook, packed": ("info {}.xlsx", _archive),
     "workbook, last cell": ("info {}.xlsx", _sparse_sheet),
     "MAT, packed": ("info {}.mat", _packed_matrix),
     "MAT, cells": ("template {}.mat", _cell_array),
-    "MAT, sparse": ("simulate --structure {0}.mat --planes a=0 --out {0}.csv", _sparse_matrix),
+    "MAT, sparse": ("simulate {}.toml --out out.csv", _sparse_structure),
     "npz": ("template {}.npz", _zeros),
     "Parquet": ("template {}.parquet", _parquet),
     "HDF5": ("template {}.h5", _dataset),

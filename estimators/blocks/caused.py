@@ -117,6 +117,7 @@ class CausedResponses(OnResponses):
             return seen
         factor, other = np.split(probe_factors(self.seen, values), 2)
         here, there = np.split(seen, 2)
-        more = self.way * factor / other
+        # A probe whose factor is zero reads nothing, which tells nothing of the motion there.
+        more = np.divide(self.way * factor, other, out=np.zeros_like(other), where=other != 0)
         column = (-1, *(1,) * (seen.ndim - 1))
         return np.asarray((1 - self.way).reshape(column) * here + more.reshape(column) * there)

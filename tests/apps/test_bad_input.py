@@ -355,7 +355,7 @@ def test_bad_words(
             "the following arguments are required: FILE; `rotorfit fit --help` says what there is",
         ),
         ("fit rig.csv --model one-mode --seed -1", "argument --seed:"),
-        ("campaign seal.csv --model one-mode --jobs 0", "argument --jobs: at least 1 is needed"),
+        ("campaign study.toml --jobs 0", "argument --jobs: at least 1 is needed"),
         ("trend a.csv --false-alarm 2", "argument --false-alarm: 2 is no probability, which is below 1"),
         ("look a.h5 --clearance-um -3", "argument --clearance-um: -3 is not above zero"),
         ("fitt rig.csv", "invalid choice: 'fitt'"),

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_words import toml_file
 from sentences import hear, refuses
 
 import rotorfit as rf
@@ -250,16 +251,18 @@ def test_a_damaged_list_of_files_is_no_result(tmp_path: Path) -> None:
 
 def test_simulated_recordings_replace_those_before_as_a_whole(tmp_path: Path) -> None:
     out = tmp_path / "volts"
-    rig = "--model one-mode --set M=1.2,K=8e3,Ds=8,K0=9e3,D=450,lam=0.46,Mf=0.4 --kind static-load --load 1"
-    for speed in ("600", "900"):
-        words = f"simulate {rig} --duration 0.2 --speed-rpm {speed} --quiet --recordings"
-        assert main([*words.split(), str(out)]) == 0
+    rotor = {"M": 1.2, "K": 8e3, "Ds": 8, "K0": 9e3, "D": 450, "lam": 0.46, "Mf": 0.4}
+    for speed in (600, 900):
+        test = {"kind": "static-load", "load": 1, "duration": 0.2, "speed_rpm": speed}
+        virtual = toml_file(tmp_path / "virtual.toml", model="one-mode", params=rotor, test=test)
+        words = ["simulate", str(virtual), "--quiet", "--recordings"]
+        assert main([*words, str(out)]) == 0
     former = out.with_name("volts.previous")
     assert {file.name for file in out.iterdir()}.isdisjoint({file.name for file in former.glob("*.h5")})
     (tmp_path / "mine").mkdir()
     setup = tmp_path / "mine" / "rig.toml"
     setup.write_text("# of my own", encoding="utf-8")
-    assert main([*words.split(), str(setup.parent)]) == 2
+    assert main([*words, str(setup.parent)]) == 2
     assert [file.read_text() for file in setup.parent.iterdir()] == ["# of my own"]
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from command_words import FIGURES, FIT, RIG, TABLES, WHOLE, Run, refused
 
+import rotorfit as rf
 from rotorfit.apps.cli.arguments import fit_study
 from rotorfit.apps.cli.main import build_parser
 from rotorfit.apps.study_files.data_files import DataFile
@@ -42,7 +43,7 @@ def test_run_is_fit_from_a_file(run: Run, tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def test_the_report_of_a_study_writes_its_start_back(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The command that it proposes is read as the settings of the study."""
+    """What was typed stands there; of a fit alone, the command that it proposes is read as its settings."""
     (tmp_path / "rig.csv").write_bytes(Path(RIG).read_bytes())
     (tmp_path / "study.toml").write_text(
         'files = ["rig.csv"]\nmodel = "whirl-whip"\nout = "results"\nknown = {K3 = 6000.0}\nstart = {D = 312.5}\n',
@@ -50,7 +51,10 @@ def test_the_report_of_a_study_writes_its_start_back(run: Run, tmp_path: Path, m
     )
     monkeypatch.chdir(tmp_path)
     assert run("run", "study.toml", "--no-figures")[0] == 0
-    page = (tmp_path / "results" / "report.html").read_text(encoding="utf-8")
+    typed = (tmp_path / "results" / "report.html").read_text(encoding="utf-8")
+    assert "<pre>rotorfit run study.toml --no-figures</pre>" in typed
+    report = rf.write_report(rf.load_fit(tmp_path / "results" / "fit.json"), tmp_path / "alone.html")
+    page = report.read_text(encoding="utf-8")
     command = re.search("<pre>(rotorfit fit .*?)</pre>", page)
     assert command is not None
     asked = fit_study(build_parser().parse_args(shlex.split(html.unescape(command[1]))[1:]))

@@ -14,6 +14,7 @@ from plain import table_row
 import rotorfit as rf
 from rotorfit.apps.app.parts import finding_words
 from rotorfit.apps.app.results import explains, parameter_table
+from rotorfit.apps.study_files.study import Outcome, Study
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.show.plots.dynamic_stiffness import _fitted, _shown
 from rotorfit.show.plots.style import PLAIN
@@ -152,14 +153,20 @@ def test_a_known_value_with_an_error_is_in_what_is_made_of_it(fit: FitResult):
     assert fit.derive(lambda p: p.K3, unit="N/m").stderr == pytest.approx(row.stderr, rel=SAME)
 
 
+def judged_alone(fit: rf.FitResult) -> Outcome:
+    """What the front has of a fit whose data show no error."""
+    study = Study(files=(), model=fit.model.name)
+    return Outcome(study=study, experiments=fit.experiments, findings=((),), closed="", fit=fit)
+
+
 def test_the_front_is_green_of_fits_that_explain_their_data_alone() -> None:
     rig = rf.datasets.rig_open()
     good = rf.fit(rf.models.WhirlWhip(), rig, known={"K3": 6000.0})
-    assert explains(good)
+    assert explains(judged_alone(good))
     few = rig.select((rig.speed < rig.speed.mean()) & (np.arange(len(rig)) % 3 == 0))
     plain = rf.fit(rf.models.WhirlWhip(), few, known={"K3": 6000.0}, causes=None)
     assert plain.model_limited
-    assert not explains(plain)
+    assert not explains(judged_alone(plain))
     wrong = replace(rig, response=np.where(np.arange(len(rig)) == 5, np.nan, rig.response))
     (found,) = [one for one in rf.check(wrong) if one.severity == "error"]
     assert "--undo" in found.words

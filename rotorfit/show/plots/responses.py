@@ -31,8 +31,10 @@ from rotorfit.show.plots.style import (
     MARKERS,
     PAGE,
     SMALL_TYPE,
+    TYPE,
     Sheet,
     halo,
+    lines_within,
     on_sheet,
     opacity_of,
     panel_title,
@@ -85,7 +87,9 @@ def _polar(
     side = PAGE[0] / max(across, 2)
     signed = all(c.signed for c in found)
     reads = (_TURNING if signed else _LEADING, _POLAR.format(sheet.rate_unit), *left_out)
-    words, above = 0.5, 0.6  # inches of the words about a panel, and of those above and below all of them
+    lines = max(len(lines_within(cell_title(model, *pair), 0.98 * side, TYPE)) for pair in pairs)
+    words = 0.35 + 0.2 * max(lines - 2, 0) + 0.2 * (across > 4)  # inches of those about a panel
+    above = 0.45  # of those above and below all panels
     figure, axes = sheet.grid(rows, across, title, size=(side, side + words + above / rows), reads=reads)
     places = dict(zip([(*pair, way) for pair in pairs for way in ways], axes.flat, strict=False))
     for axis in {*axes.flat} - {places[panel] for panel in panels}:

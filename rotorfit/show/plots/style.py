@@ -162,8 +162,8 @@ def title_of(figure: Any, title: str, reads: Sequence[str] = ()) -> None:
     """The title at the left, and below it lines on how to read the figure, whose room the title keeps for them."""
     left, top = 0.01, 3 / 72  # of the width; inches from the top, as constrained layout has them
     width, height = (part / figure.figure.dpi for part in (figure.bbox.width, figure.bbox.height))
-    title = "\n".join(_within(title, width, TITLE_TYPE))
-    lines = [line for words in ([" ".join(reads)] if reads else []) for line in _within(words, width, 0.88 * TYPE)]
+    title = "\n".join(lines_within(title, width, TITLE_TYPE))
+    lines = [line for words in ([" ".join(reads)] if reads else []) for line in lines_within(words, width, 0.88 * TYPE)]
     spare = "\n" * -(-len(lines) * TYPE // TITLE_TYPE)
     figure.suptitle(title + spare, x=left, ha="left", fontsize=TITLE_TYPE, fontweight="bold")
     line, begin = 1.25 * TYPE / 72, 1.25 * (1 + title.count("\n")) * TITLE_TYPE / 72 + 2 / 72
@@ -198,7 +198,7 @@ def key_beside_title(figure: Any, names: Sequence[tuple[str, str, str]]) -> bool
     return True
 
 
-def _within(words: str, width: float, size: float) -> list[str]:
+def lines_within(words: str, width: float, size: float) -> list[str]:
     """Words in lines of a width in inches, by the mean width of bold letters of a size in points."""
     return textwrap.wrap(words, max(int(0.98 * width * 72 / (0.62 * size)), 10), break_long_words=False) or [""]
 
@@ -208,7 +208,7 @@ def panel_title(axis: Any, words: str, *, share: float = 0.88, **look: Any) -> N
     place = axis.get_subplotspec()
     columns = 1 if place is None else place.get_gridspec().ncols
     width = axis.figure.bbox.width / axis.figure.figure.dpi / columns
-    axis.set_title("\n".join(_within(words, share * width, TYPE)), **look)
+    axis.set_title("\n".join(lines_within(words, share * width, TYPE)), **look)
 
 
 PLAIN = Sheet()
