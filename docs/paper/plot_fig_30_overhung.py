@@ -66,7 +66,7 @@ for forward, colour in ((True, "C0"), (False, "C1")):
     axis.plot(speeds, values, colour)
     axis.plot([], [], colour, label="forward" if forward else "backward")
 for speed in (800, 2000):
-    for damped, _ in fit.natural_frequencies(speed / RPM):
+    for damped, *_ in fit.natural_frequencies(speed / RPM):
         value = damped.value * RPM
         axis.errorbar(speed, abs(value), damped.stderr * RPM, fmt="C0o" if value > 0 else "C1o", ms=4)
 axis.plot(speeds, speeds, "k--", lw=0.8, label="1x")

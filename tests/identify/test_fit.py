@@ -456,7 +456,7 @@ def test_summary_shows_what_a_reader_needs():
     assert text.startswith(str(fit))
     modes = fit.natural_frequencies(100.0)
     assert len(modes) == 2
-    assert all(np.isfinite(frequency.stderr) and np.isfinite(damping.stderr) for frequency, damping in modes)
+    assert all(np.isfinite(frequency.stderr) and np.isfinite(damping.stderr) for frequency, damping, _ in modes)
     quality = fit.responses[0]
     assert 0 < quality.nrmse < 0.05
     assert quality.frac > 0.99

@@ -151,7 +151,7 @@ def test_derived_quantities_follow_the_draws(rig):
     assert onset.stderr == pytest.approx(chosen.threshold_speed().stderr, rel=0.1)
     assert onset.stderr < delta.stderr  # which holds the choice of the structure too
     assert abs(onset.value - delta.value) < 0.5 * delta.stderr
-    for (frequency, damping), (w, zeta) in zip(
+    for (frequency, damping, _), (w, zeta, _) in zip(
         rig.natural_frequencies(200.0), fit.natural_frequencies(200.0), strict=True
     ):
         assert abs(frequency.value - w.value) < 3 * w.stderr

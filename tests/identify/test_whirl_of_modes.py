@@ -24,7 +24,7 @@ def test_each_mode_of_a_fit_in_x_and_y_is_there_once_with_the_sign_of_its_whirl(
     assert np.sort(signed) == pytest.approx(np.sort(np.repeat(roots.imag, 2)), rel=1e-9)
     test = circular_test(model, true, speeds=SPEEDS["anisotropic"], frequency=np.linspace(-300, 300, 80), noise=1e-4)
     fit = plain_fit(model, test)
-    frequencies = [frequency.value for frequency, _ in fit.natural_frequencies(100.0)]
+    frequencies = [frequency.value for frequency, *_ in fit.natural_frequencies(100.0)]
     modes = [mode.frequency.value for mode in fit.modes(100.0)]
     for found in (frequencies, modes):
         assert sorted(found) == pytest.approx(sorted(roots.imag), rel=1e-3)

@@ -114,7 +114,7 @@ def test_modes_and_natural_frequencies_have_one_error(fit: FitResult):
     speed = 1.2 * mean_speed(fit)
     modes = sorted(fit.modes(speed), key=lambda mode: mode.frequency.value)
     pairs = sorted(fit.natural_frequencies(speed), key=lambda pair: pair[0].value)
-    for mode, (frequency, ratio) in zip(modes, pairs, strict=True):
+    for mode, (frequency, ratio, _) in zip(modes, pairs, strict=True):
         for one, other in ((mode.frequency, frequency), (mode.damping_ratio, ratio)):
             assert one.value == pytest.approx(other.value, rel=SAME)
             assert one.stderr == pytest.approx(other.stderr, rel=SAME)

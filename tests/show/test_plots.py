@@ -261,7 +261,7 @@ def test_damping_ratio_and_decrement_are_those_of_the_eigenvalues():
     curves = [line for line in damping.lines if len(line.get_xdata()) > 100]
     speeds = curves[0].get_xdata() / RPM
     k = 200
-    expected = sorted(q.value for _, q in fit.natural_frequencies(float(speeds[k])))
+    expected = sorted(q.value for _, q, _ in fit.natural_frequencies(float(speeds[k])))
     np.testing.assert_allclose(sorted(line.get_ydata()[k] for line in curves), expected, rtol=1e-9)
     assert decrement.get_ylim() == damping.get_ylim()
     for at, label in zip(decrement.get_yticks(), decrement.get_yticklabels(), strict=True):
@@ -396,7 +396,7 @@ def test_labels_name_the_frequency_that_the_table_has(rig_fit: rf.FitResult) -> 
     fit = plain_fit(rig_fit.model, rig_fit.experiments, known=rig_fit.settings.known)
     top = float(np.max(fit.speeds))
     words = " ".join(text.get_text() for text in fit.plot.stability().axes[0].texts)
-    for frequency, ratio in fit.natural_frequencies(top):
+    for frequency, ratio, _ in fit.natural_frequencies(top):
         rpm = abs(frequency.value) * 30 / np.pi
         assert f" {rpm:.0f}" in words or ratio.value > 0.99
 
@@ -415,7 +415,7 @@ def test_modes_against_speed_are_those_of_the_tables_with_the_causes_found() -> 
     tested = float(fit.speeds[-1])
     drawn = [np.asarray(line.get_xydata(), dtype=float) for line in frequency if len(line.get_xdata()) > 100]
     shown = sorted(to_rad_s * np.interp(tested / to_rad_s, *line.T) for line in drawn[:4])
-    printed = sorted(mode.value for mode, _ in fit.natural_frequencies(tested))
+    printed = sorted(mode.value for mode, *_ in fit.natural_frequencies(tested))
     np.testing.assert_allclose(shown, printed, rtol=1e-6, atol=1e-6)
 
 

@@ -35,7 +35,7 @@ reveal_type(test)
 reveal_type(rf.simulate(fit.model, {"K3": 1.0}, "static-load", speed_rpm=1000, load=[1.0]))
 reveal_type(rf.simulate(fit.model, {"K3": 1.0}, "impulse", speed_rpm=1000, impulse=1.0))
 reveal_type(rf.responses(rf.read_recording("sweep.h5")))
-for frequency, damping in fit.natural_frequencies(150.0):
+for frequency, damping, sense in fit.natural_frequencies(150.0):
     print(frequency.value, damping.stderr)
 """
 KINDS = ["PerturbationTest", "StaticTest", "PerturbationTest", "StaticTest", "RingDownTest", "PerturbationTest"]

@@ -29,7 +29,7 @@ def add_campaign(to: argparse.ArgumentParser) -> None:
     """Options of the command."""
     help = "model, known values and files as TOML keys; `rotorfit template study` prints an example"
     to.add_argument("study", type=Path, metavar="STUDY.toml", help=help)
-    help = "test files in place of the study's, which are then patterns of names: how files of such names are read"
+    help = "test files to fit instead; the study's files then say, by patterns of names, how they are read"
     add_paths(to, help, "*")
     option(to, "--split ATTRIBUTE", "column that separates the runs [%(default)s]", of=fit_campaign)
     option(to, "--shared A,B", "parameters with one value for all runs", words, of=fit_campaign)

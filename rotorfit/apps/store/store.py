@@ -100,7 +100,7 @@ class Store:
         """Add tests, and with a study their fits.
 
         Args:
-            files: test files, each a test of its own; recordings; folders with the recordings of one test.
+            files: test files, one test each; recordings; folders with the recordings of one test.
             study: settings of the fits: a TOML file, or its keys as a mapping. Its ``files``, which may be left out,
                 are patterns of names with the options to read such files with.
             machine: the machine of tests that have no attribute ``machine``.

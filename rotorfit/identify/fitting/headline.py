@@ -279,7 +279,7 @@ def modes_at(fit: FitResult, speed: float) -> list[tuple[Quantity, Quantity]]:
     """Natural frequencies and damping ratios at a speed, of modes in the tested band, in the last condition; at rest,
     where nothing tells forward from backward, each once."""
     modes = fit.natural_frequencies(speed, _at(fit, len(fit.thetas) - 1))
-    seen = [(w, zeta) for w, zeta in modes if abs(w.value) <= fit.band]
+    seen = [(w, zeta) for w, zeta, _ in modes if abs(w.value) <= fit.band]
     if speed > 0:
         return seen
     ahead = [mode for mode in seen if fit.model.frame == "xy" or mode[0].value > -1e-9 * fit.band]

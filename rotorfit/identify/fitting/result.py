@@ -445,8 +445,8 @@ class FitResult:
     def natural_frequencies(
         self, speed: float | None = None, at: Mapping[str, Any] | None = None, *, speed_rpm: float | None = None
     ) -> NaturalFrequencies:
-        """Damped natural frequency (rad/s, signed) and damping ratio of each mode at a rotative speed, as named pairs
-        that know their sense; ``print`` shows a table with 95 % intervals.
+        """Damped natural frequency (rad/s, signed), damping ratio and sense of each mode at a rotative speed, as named
+        tuples; ``print`` shows a table with 95 % intervals.
 
         ``speed`` in rad/s, or ``speed_rpm``, is negative from y to x; ``at`` names a group of parameters, as for
         :meth:`group`.
@@ -455,7 +455,7 @@ class FitResult:
             ValueError: a speed that is no finite number.
 
         Example:
-            >>> [round(frequency.value) for frequency, damping in fit.natural_frequencies(speed=150.0)][-1] > 0
+            >>> [round(frequency.value) for frequency, damping, sense in fit.natural_frequencies(speed=150.0)][-1] > 0
             True
             >>> fit.natural_frequencies(speed_rpm=1500)[-1].sense
             'forward'

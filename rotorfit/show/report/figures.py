@@ -145,7 +145,7 @@ def _mode_rows(fit: FitResult, label: str, group: int) -> Iterator[list[str]]:
     at = at_of(fit, group)
     speeds = fit.speeds if fit.model.speed_dependent else np.zeros(1)
     for speed in speeds.tolist():
-        for frequency, damping in fit.natural_frequencies(speed, at):
+        for frequency, damping, _ in fit.natural_frequencies(speed, at):
             shown = f"{speed * RPM_PER_RAD_S:.0f}" if fit.model.speed_dependent else "any"
             own = frequency.to(shown_units().rate_name)
             ends = with_error(own.value, own.stderr), with_error(damping.value, damping.stderr)

@@ -4,9 +4,9 @@ For given shared parameters phi the runs are independent fits; the sum of their 
 slope and curvature follow from each run's own (the Schur complement of its Gauss-Newton matrix). The work is linear in
 the number of runs, and the result is that of one joint fit, its covariance included.
 
-A run may be noise of another size or shape than its data alone show. What its own fit finds of that is held while the
-shared parameters are sought: each run's cost is then one function, which both its own parameters and the shared ones
-minimise. At the solution all runs are fitted anew, and the search is repeated if they find other noise.
+A run's own fit may find other noise than its data alone show. That noise is held while the shared parameters are
+sought: each run's cost is then one function, which both its own parameters and the shared ones minimise. At the
+solution all runs are fitted anew, and the search is repeated if they find other noise.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ class NoiseVerdict(StrEnum):
     """Verdict on the residuals."""
 
     AS_FOUND = "as found"  # noise, as it was given or found in the data alone
-    SHAPED = "shaped"  # noise of another size or shape than found in the data alone
+    SHAPED = "shaped"  # noise estimated anew from the residuals
     LARGER = "larger"  # noise that exceeds the sigma given with the data
     CORRELATED = "correlated"  # noise of the right size that is correlated along the sweeps
     MISFIT = "misfit"  # correlated along the sweeps and larger than the noise: the model does not fit

@@ -158,15 +158,11 @@ def _said(q: Quantity, factor: float = 1.0) -> str:
 
 
 class NaturalFrequency(NamedTuple):
-    """A mode at a rotative speed; a pair, ``for frequency, damping in ...``, that knows its sense too."""
+    """A mode at a rotative speed: ``for frequency, damping, sense in ...``."""
 
     frequency: Quantity  # damped, rad/s, negative backward
     damping: Quantity  # damping ratio
-
-    @property
-    def sense(self) -> str:
-        """ "forward" or "backward"."""
-        return "backward" if self.frequency.value < 0 else "forward"
+    sense: str  # ``forward`` or ``backward``
 
 
 class NaturalFrequencies(Tabled, tuple[NaturalFrequency, ...]):
@@ -214,7 +210,8 @@ def natural_frequencies(fit: FitResult, speed: float, at: Mapping[str, Any] | No
         frequency = propagated(
             fit, group, w, turn * by_theta.imag, "rad/s", speed=speed, by_causes=turn * by_causes.imag
         )
-        modes.append(NaturalFrequency(frequency, _damping_ratio(fit, group, speed, s + back, by_theta, by_causes)))
+        damping = _damping_ratio(fit, group, speed, s + back, by_theta, by_causes)
+        modes.append(NaturalFrequency(frequency, damping, "backward" if w < 0 else "forward"))
     return NaturalFrequencies(modes)
 
 
