@@ -10,6 +10,9 @@ from rotorfit.base.array_types import ROUND_OFF, ComplexArray, Float
 from rotorfit.models.model import RotorModel
 from rotorfit.models.motion.stability import eigenvalues, is_image, mode_vectors, seats, whirl_sense
 
+OVERDAMPED = 0.99
+"""Damping ratio from which a mode no longer oscillates and has no decrement."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class VibrationMode:

@@ -7,6 +7,7 @@ import pytest
 from plain import plain_fit
 from synthetic import SPEEDS, circular_test
 
+import rotorfit as rf
 from rotorfit.models import Anisotropic, eigenvalues
 from rotorfit.models.motion.stability import whirl_sense
 
@@ -34,3 +35,15 @@ def test_each_mode_of_a_fit_in_x_and_y_is_there_once_with_the_sign_of_its_whirl(
     assert judged == pytest.approx(dict(zip(ways, decrements, strict=True)), rel=0.01)
     named = [text.get_text().split()[0] for text in fit.plot.stability().axes[0].texts]
     assert [name for name in named if name in ("1F", "1B", "2F", "2B")] == ["1B", "1F"]
+
+
+def test_a_mode_that_does_not_oscillate_is_called_overdamped() -> None:
+    """Its ratio is one, to more digits than anybody can use."""
+    model = rf.models.OneMode()
+    values = {"M": 1.2, "K": 8e3, "Ds": 2000.0, "K0": 9e3, "D": 4500.0, "lam": 0.0, "Mf": 0.4}
+    rpm = np.linspace(-4000, 4000, 20)
+    test = rf.simulate(model, values, speed_rpm=600, frequency_rpm=rpm, force=20.0, exact=True, seed=1)
+    fit = rf.fit(model, test, known={name: values[name] for name in ("K", "Ds", "lam")})
+    for table in (fit.natural_frequencies(60.0), fit.modes(60.0)):
+        assert "overdamped" in str(table)
+        assert "1.0000" not in str(table)

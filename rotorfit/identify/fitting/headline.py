@@ -24,14 +24,12 @@ from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.structure.coefficients import Coefficients
 from rotorfit.lab.data.findings import Finding, errors_in
 from rotorfit.lab.data.rows import short_source
+from rotorfit.models.motion.modes import OVERDAMPED
 from rotorfit.models.motion.stability import growing
 from rotorfit.models.parameters import bare_name
 
 MOST = 5
 """Numbers on a first screen."""
-
-OVERDAMPED = 0.99
-"""Damping ratio from which a mode no longer oscillates."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -21,7 +21,6 @@ from rotorfit.estimators.starting.start_points import EARLIER_FIT, GIVEN
 from rotorfit.identify.fitting.anisotropy import lines_cut_off, unstable_speeds
 from rotorfit.identify.fitting.causes.table import size_of
 from rotorfit.identify.fitting.headline import (
-    OVERDAMPED,
     Headline,
     decrement_of,
     headline,
@@ -42,6 +41,7 @@ from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.structure.coefficients import lines_by_condition
 from rotorfit.lab.data.findings import Finding, errors_in, of_the_fit
 from rotorfit.models import RotorModel, eigenvalues
+from rotorfit.models.motion.modes import OVERDAMPED
 from rotorfit.models.parameters import bare_name
 from rotorfit.models.shafts.angular_rates import HIGHEST_RATE
 from rotorfit.models.structure import block_parameters, block_symbols

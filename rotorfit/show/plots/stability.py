@@ -16,13 +16,11 @@ from rotorfit.identify.fitting.propagation import theta_at
 from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.models import eigenvalues
+from rotorfit.models.motion.modes import OVERDAMPED
 from rotorfit.models.motion.stability import whirl_sense
 from rotorfit.show.plots import style
 from rotorfit.show.plots.journal import group_label, rig_of, speeds_of
 from rotorfit.show.plots.shaft_lines import turning_stability
-
-_OVERDAMPED = 0.99
-"""Damping ratio from which a mode no longer oscillates and has no decrement."""
 
 _LINEAR = 0.06
 """Damping ratio up to which its axis is about linear; beyond it is logarithmic."""
@@ -178,9 +176,9 @@ def _campbell(sheet: style.Sheet, axis: Any, modes: _Modes) -> None:
         axis.plot(x, w[:, mode], **look)
         axis.plot(_at_tested(modes) * sheet.per_rad_s, _values(modes, w[:, mode]), **_circle(look))
         own = modes.damping[modes.named_at, mode]
-        words = significant(abs(w[modes.named_at, mode]), 4) if own < _OVERDAMPED else "overdamped"
+        words = significant(abs(w[modes.named_at, mode]), 4) if own < OVERDAMPED else "overdamped"
         bends = x[modes.named_at] - w[modes.named_at, mode]
-        words += f" ({significant(abs(bends), 4)})" if name[-1] in "FB" and own < _OVERDAMPED else ""
+        words += f" ({significant(abs(bends), 4)})" if name[-1] in "FB" and own < OVERDAMPED else ""
         labels.append((f"{name} {words}", w[-1, mode], look["color"]))
     inside = x[x < span]
     axis.plot(inside, inside, ":", color=style.GREY, lw=1.0, zorder=2)

@@ -20,7 +20,7 @@ from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.structure.coefficients import central_differences
 from rotorfit.models import Modal, RotorModel, eigenvalues
-from rotorfit.models.motion.modes import VibrationMode, modal_assurance, vibration_modes
+from rotorfit.models.motion.modes import OVERDAMPED, VibrationMode, modal_assurance, vibration_modes
 from rotorfit.models.motion.stability import eigenvalue_gradient, is_image, whirl_sense
 from rotorfit.models.parameters import MATRIX_UNITS
 from rotorfit.models.shafts.angular_rates import angular_rate
@@ -115,7 +115,8 @@ class Modes(Tabled, Sequence[Mode]):
         head += ["mass, kg", "stiffness, N/m", "damping, N s/m"] * parts
         rows = [[*head, *(f"at {plane}" for plane in planes)]]
         for number, mode in enumerate(self.modes, 1):
-            row = [str(number), _said(mode.frequency, RPM_PER_RAD_S), _said(mode.damping_ratio)]
+            own = [_said(mode.frequency, RPM_PER_RAD_S), _said(mode.damping_ratio)]
+            row = [str(number), *(own if mode.damping_ratio.value < OVERDAMPED else ["overdamped", ""])]
             row.append(significant(mode.half_power, 3) if np.isfinite(mode.half_power) else "-")
             row += [_said(q) for q in (mode.mass, mode.stiffness, mode.damping) if q is not None]
             for plane in planes:
@@ -187,10 +188,9 @@ class NaturalFrequencies(Tabled, tuple[NaturalFrequency, ...]):
         """What is printed."""
         rows = [["mode", "", "frequency, rpm", "95 % interval", "damping ratio", "95 % interval"]]
         for number, mode in enumerate(self, 1):
-            shown = (
-                cell for q in (mode.frequency.to("rpm"), mode.damping) for cell in (_said(q), interval(*q.interval()))
-            )
-            rows.append([str(number), mode.sense, *shown])
+            both = (mode.frequency.to("rpm"), mode.damping) if mode.damping.value < OVERDAMPED else ()
+            shown = [cell for q in both for cell in (_said(q), interval(*q.interval()))]
+            rows.append([str(number), mode.sense, *(shown or ["overdamped", "", "", ""])])
         return [Table(rows, ">4 <8 >18 >22 >18 >22")]
 
 
