@@ -95,7 +95,7 @@ def plot_corner(
 def _in_lines(name: str, room: float) -> str:
     """A label in lines that fit beside a panel, parted where its words end."""
     letter = 0.62  # mean width of a letter, ems
-    filled = 0.75  # share of the room from panel to panel that a label may take
+    filled = 0.66  # share of the room from panel to panel that a label may take
     longest = max(int(filled * room * 72 / (letter * _LABEL)), 1)
     lines = [""]
     for word in re.findall(r"\[?[^\s,=\[_]*[\s,=_]*", name):
