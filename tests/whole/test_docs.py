@@ -9,10 +9,13 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from house import options_of
 from report_pages import leave_pixels_out
 from slow_cases import slow_but
 
+import rotorfit as rf
 from rotorfit.apps.cli.main import main
+from rotorfit.identify.uncertainty.posterior import Posterior
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("[!_]*.md")), *sorted((ROOT / "docs").glob("[!_]*/*.md"))]
@@ -84,6 +87,25 @@ def test_pages_write_the_files_that_their_commands_read(page: str) -> None:
         else:
             assert named <= there, command
             there |= {words[words.index("--out") + 1]} if "--out" in words else set()
+
+
+@pytest.fixture(scope="module")
+def every_option() -> set[str]:
+    """Options of all commands."""
+    return {*options_of(), "--help", "--help-all"}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: f"{page.parent.name}-{page.name}")
+def test_words_of_a_page_are_those_of_the_program(page: Path, every_option: set[str]) -> None:
+    """Names and options in its sentences, which no block runs."""
+    words = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    kinds = {"fit": rf.FitResult, "posterior": Posterior, "record": rf.Recording, "store": rf.Store, "rf": rf}
+    suffixes = {"json", "toml", "csv", "nc", "db", "png"}
+    for owner, name in re.findall(r"\b(fit|posterior|record|store|rf)\.([A-Za-z_]+)", words):
+        fields = getattr(kinds[owner], "__dataclass_fields__", {})
+        assert name in {*dir(kinds[owner]), *fields, *suffixes}, f"{owner}.{name}"
+    typed = " ".join(re.findall(r"`((?:--|rotorfit )[^`]*)`", words))
+    assert set(re.findall(r"(?<![\w-])--[a-z][\w-]*", typed)) <= every_option
 
 
 def test_the_first_block_of_the_readme_is_within_its_first_screens() -> None:
