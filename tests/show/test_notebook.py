@@ -78,13 +78,13 @@ def test_tables_of_a_print_are_tables_of_notebooks_papers_and_pages(fit: rf.FitR
     assert f"| {fit.params['D']} " in " ".join(fit.params.to_markdown().split())
 
 
-def test_natural_frequencies_are_pairs_and_a_table_with_intervals(fit: rf.FitResult) -> None:
+def test_natural_frequencies_are_tuples_and_a_table_with_intervals(fit: rf.FitResult) -> None:
     found = fit.natural_frequencies(speed_rpm=1500)
     table = found.to_dataframe()
-    for (frequency, damping), row in zip(found, table.to_dict("records"), strict=True):
+    for (frequency, damping, sense), row in zip(found, table.to_dict("records"), strict=True):
         assert (row["frequency_rad_s_low"], row["frequency_rad_s_high"]) == frequency.interval()
         assert row["damping_ratio"] == damping.value
-        assert row["sense"] == ("backward" if frequency.value < 0 else "forward")
+        assert row["sense"] == sense == ("backward" if frequency.value < 0 else "forward")
     assert len(str(found).splitlines()) == len(found) + 1
     modes = rf.fit(rf.models.TwoDisk(), rf.datasets.two_disk()).modes()
     assert modes.to_dataframe()["mass_kg_low"][0] == modes[0].mass.interval()[0]
