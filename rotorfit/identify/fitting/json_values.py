@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rotorfit.base.file_reading import check_text, shown
-from rotorfit.estimators.inference.causes import Act
+from rotorfit.estimators.inference.cause_acts import Act
 from rotorfit.models import RotorModel
 
 _HOMES = (
@@ -36,6 +36,7 @@ _HOMES = (
     "rotorfit.identify.fitting.noise.record",
     "rotorfit.identify.fitting.noise.residual_study",
     "rotorfit.estimators.inference.identifiability",
+    "rotorfit.estimators.inference.cause_acts",
     "rotorfit.estimators.inference.causes",
     "rotorfit.estimators.inference.joint_errors",
     "rotorfit.identify.fitting.causes.solution",

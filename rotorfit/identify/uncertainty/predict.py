@@ -16,7 +16,8 @@ from rotorfit.base.significance import quantile
 from rotorfit.base.units import RPM_PER_RAD_S, in_rad_s
 from rotorfit.estimators.blocks.observations import Block
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE
-from rotorfit.estimators.inference.causes import Motion, block_with_causes, moving
+from rotorfit.estimators.inference.cause_acts import Motion, moving
+from rotorfit.estimators.inference.causes import block_with_causes
 from rotorfit.estimators.inference.covariance import spreading
 from rotorfit.identify.fitting.quantities import Share
 from rotorfit.identify.fitting.result import FitResult

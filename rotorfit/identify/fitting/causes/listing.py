@@ -13,9 +13,8 @@ from rotorfit.base.array_types import Bool, Float
 from rotorfit.base.names import unknown_name
 from rotorfit.estimators.blocks.observations import Responses
 from rotorfit.estimators.blocks.set_speeds import once_per_turn
-from rotorfit.estimators.inference.causes import (
+from rotorfit.estimators.inference.cause_acts import (
     Act,
-    Cause,
     Changing,
     Drifting,
     Film,
@@ -31,6 +30,7 @@ from rotorfit.estimators.inference.causes import (
     SpeedLabel,
     Term,
 )
+from rotorfit.estimators.inference.causes import Cause
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.identify.fitting.causes.calibration import Calibration, sizes_of
 from rotorfit.identify.fitting.causes.sizes import SIZES, Size

@@ -11,7 +11,7 @@ import numpy as np
 from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.base.matching import matched
 from rotorfit.base.names import unknown_name
-from rotorfit.estimators.inference.causes import Act
+from rotorfit.estimators.inference.cause_acts import Act
 from rotorfit.estimators.inference.covariance import spreading
 from rotorfit.identify.fitting.causes.slopes import onset_slopes
 from rotorfit.identify.fitting.result import FitResult
