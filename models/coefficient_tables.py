@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from types import SimpleNamespace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -105,14 +105,14 @@ class LawCurve(NamedTuple):
     slope: Float  # its derivatives by the model's parameters, shape ``(E, P)``
 
 
-def changing_fluid(model: RotorModel) -> PlaneFluid | None:
-    """The fluid whose values change; None of a model of one's own that is not made of fluids.
+def changing_fluids(model: RotorModel) -> tuple[PlaneFluid, ...]:
+    """The fluids whose values change; none of a model of one's own that is not made of fluids.
 
     Raises:
         ValueError: nothing changes.
     """
-    found = next((fluid for fluid in model.fluids if fluid.law.parameters), None)
-    if found is None and not model.eccentricity_dependent:
+    found = tuple(fluid for fluid in model.fluids if fluid.law.parameters)
+    if not found and not model.eccentricity_dependent:
         raise ValueError(f"{model.name} as used here does not change with eccentricity; give it a law")
     return found
 
@@ -147,17 +147,18 @@ class _Curves(NamedTuple):
 
 @lru_cache(maxsize=64)
 def _curves(model: RotorModel, *, at_speed: bool) -> _Curves:
-    fluid = changing_fluid(model)
+    fluids = changing_fluids(model)
+    found: dict[str, Any] = {}
     theta, speed, eccentricity, matrices, _ = model.symbolic
-    if fluid is not None:
-        p = SimpleNamespace(**dict(zip(model.parameter_names, ca.vertsplit(theta), strict=True)))
+    p = SimpleNamespace(**dict(zip(model.parameter_names, ca.vertsplit(theta), strict=True)))
+    for fluid in fluids:
         own = fluid.own(p)
         value = fluid.law.at_speed(own, eccentricity, speed) if at_speed else fluid.law.at(own, eccentricity)
         ratios = {name: getattr(own, name) * value.ratio for name in ("lam", "lam_D", "lam_M") if hasattr(own, name)}
-        found = {name + fluid.ending: curve for name, curve in {"K0": value.K0, "D": value.D, **ratios}.items()}
-        units = [model.parameter(name).unit for name in found]
-    else:
-        at, found = journal(model).at, {}
+        found |= {name + fluid.ending: curve for name, curve in {"K0": value.K0, "D": value.D, **ratios}.items()}
+    units = [model.parameter(name).unit for name in found]
+    if not fluids:
+        at = journal(model).at
         for kind, matrix in zip("KCM", matrices, strict=False):
             pair = {f"{kind}xx": matrix.re[at, at], f"{kind}xy": -matrix.im[at, at]}
             found |= {name: curve for name, curve in pair.items() if ca.depends_on(curve, eccentricity)}

@@ -127,7 +127,7 @@ def fluids_of(
         two_lam: damping and inertia turn at ratios of their own.
 
     Raises:
-        ValueError: a law without fluid, or laws of eccentricity at several planes.
+        ValueError: a law without fluid.
 
     Example:
         >>> [q.name for q in rf.models.fluids_of(["bearing", "seal"])[1].parameters]
@@ -140,12 +140,6 @@ def fluids_of(
         raise ValueError(f"a law at {', '.join(beside)}, but the fluid acts at {', '.join(planes) or 'no plane'}")
     if isinstance(law, Law) and law.parameters and not planes:
         raise ValueError("a law needs a fluid: say at which plane it acts, fluid=...")
-    of_orbit = [plane for plane in laws if laws[plane].of_eccentricity]
-    if len(of_orbit) > 1:
-        raise ValueError(
-            f"laws of eccentricity at {', '.join(of_orbit)}: the orbit of one journal can change its fluid. Give "
-            f"the law of that plane alone, law={{{of_orbit[0]!r}: ...}}"
-        )
     return tuple(
         PlaneFluid(
             plane=plane,
@@ -157,10 +151,28 @@ def fluids_of(
     )
 
 
-def law_and_clearance(
-    fluids: Sequence[PlaneFluid], law: Laws | None, clearance_um: float | None, model: str
-) -> tuple[Law | tuple[tuple[str, Law], ...], float | None]:
-    """The law as a model keeps it, and the clearance in m, checked against the laws of its fluids."""
+Clearances = float | Mapping[str, float] | Sequence[tuple[str, float]]
+"""One radial clearance for every fluid, or clearances by plane, micrometres."""
+
+
+Kept = float | tuple[tuple[str, float], ...] | None
+"""Clearances as a model keeps them."""
+
+
+def laws_and_clearances(
+    fluids: Sequence[PlaneFluid], law: Laws | None, clearance_um: Clearances | None, model: str
+) -> tuple[Law | tuple[tuple[str, Law], ...], Kept, Kept]:
+    """Laws, clearances as given and in m, as a model keeps them, checked against its fluids."""
     kept = law if isinstance(law, Law) else Constant() if law is None else tuple(dict(law).items())
-    of_orbit = next((fluid.law for fluid in fluids if fluid.law.of_eccentricity), Constant())
-    return kept, clearance_of(of_orbit, clearance_um, model)
+    if clearance_um is None or isinstance(clearance_um, int | float):
+        of_orbit = next((fluid.law for fluid in fluids if fluid.law.of_eccentricity), Constant())
+        return kept, clearance_um, clearance_of(of_orbit, clearance_um, model)
+    gaps = dict(clearance_um)
+    beside = [plane for plane in gaps if plane not in [fluid.plane for fluid in fluids]]
+    if beside:
+        raise ValueError(f"{model}: a clearance at {', '.join(beside)}, where no fluid acts")
+    found = {
+        fluid.plane: clearance_of(fluid.law, gaps.get(fluid.plane), f"{model} at {fluid.plane}") for fluid in fluids
+    }
+    known = tuple((plane, gap) for plane, gap in found.items() if gap is not None)
+    return kept, tuple(gaps.items()), known

@@ -13,7 +13,7 @@ from rotorfit.base.accessors import ClassAccessor
 from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.models.coefficients import CoefficientJacobian
 from rotorfit.models.complexes import Complex, Number
-from rotorfit.models.fluid import Laws, fluids_of, law_and_clearance
+from rotorfit.models.fluid import Clearances, Laws, fluids_of, laws_and_clearances
 from rotorfit.models.model import Coordinate, Matrix, RotorModel
 from rotorfit.models.parameters import Parameter
 from rotorfit.models.shafts.shaft import KnownStiffness, Shaft, StructureMatrices, complex_matrices
@@ -61,8 +61,8 @@ class KnownStructure(RotorModel):
             :data:`~rotorfit.models.ROSS_4`.
         two_lam: let damping and inertia of the fluid turn at ratios of their own, lam_D and lam_M.
         law: how the fluid changes with eccentricity, for instance ``rf.models.Muszynska()``; of several fluids by
-            plane, ``{"seal": rf.models.Muszynska()}``, with eccentricity at one of them.
-        clearance_um: radial clearance at the fluid, micrometres; needed by a law.
+            plane, ``{"seal": rf.models.Muszynska()}``, each with that of its own orbit.
+        clearance_um: radial clearance at the fluid, micrometres, one or by plane; needed by a law.
 
     Raises:
         ValueError: matrices that are not isotropic or of unequal size, nodes that do not exist, unknown planes, a law
@@ -95,7 +95,7 @@ class KnownStructure(RotorModel):
         dofs: Sequence[str] = ("z", "r"),
         two_lam: bool = False,
         law: Laws | None = None,
-        clearance_um: float | None = None,
+        clearance_um: Clearances | None = None,
     ) -> None:
         given = {kind: matrix for kind, matrix in zip("MCGK", (M, C, G, K), strict=True) if matrix is not None}
         matrices, place = complex_matrices(given, dofs)
@@ -111,8 +111,7 @@ class KnownStructure(RotorModel):
         self.magnetic = _some(magnetic, self.planes, "magnetic")
         self.two_lam = two_lam
         self.fluids = fluids_of(self.fluid, law, two_lam=two_lam)
-        self.clearance_um = clearance_um
-        self.law, self.clearance = law_and_clearance(self.fluids, law, clearance_um, self.name)
+        self.law, self.clearance_um, self.clearance = laws_and_clearances(self.fluids, law, clearance_um, self.name)
         self._given = {"M": M, "C": C, "G": G, "K": K, "planes": dict(planes), "scales": scales, "dofs": tuple(dofs)}
         self.shaft: Shaft = Shaft(matrices, parts, _places(planes, self.tilts, place))
         self.parameters = self._all_parameters(scales or {})

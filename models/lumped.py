@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal
 
 from rotorfit.models.complexes import J
-from rotorfit.models.fluid import Laws, fluids_of, law_and_clearance
+from rotorfit.models.fluid import Clearances, Laws, fluids_of, laws_and_clearances
 from rotorfit.models.laws import Law
 from rotorfit.models.model import Coordinate, Matrix, RotorModel
 from rotorfit.models.parameters import MATRIX_UNITS, Parameter
@@ -45,8 +45,7 @@ class OneMode(RotorModel):
         self.planes = one_per_coordinate(planes, 1, self.name)
         self.two_lam = two_lam
         self.fluids = fluids_of(self.planes[0], law, two_lam=two_lam)
-        self.clearance_um = clearance_um
-        self.law, self.clearance = law_and_clearance(self.fluids, law, clearance_um, self.name)
+        self.law, self.clearance_um, self.clearance = laws_and_clearances(self.fluids, law, clearance_um, self.name)
         self.betas = betas
         self.probes = check_probes(probes, self.planes, self.name)
         self.parameters = (
@@ -107,8 +106,7 @@ class WhirlWhip(RotorModel):
         self.blocks = check_blocks(blocks)
         self.two_lam = two_lam
         self.fluids = fluids_of(self.planes[1], law, two_lam=two_lam)
-        self.clearance_um = clearance_um
-        self.law, self.clearance = law_and_clearance(self.fluids, law, clearance_um, self.name)
+        self.law, self.clearance_um, self.clearance = laws_and_clearances(self.fluids, law, clearance_um, self.name)
         self.betas = betas
         self.probes = check_probes(probes, self.planes, self.name)
         self.parameters = (
@@ -248,7 +246,7 @@ class Chain(RotorModel):
         two_lam: let damping and inertia of the fluid turn at ratios of their own, lam_D and lam_M.
         law: how the fluid changes with eccentricity, for instance ``rf.models.Muszynska()``; of several fluids by
             plane, ``{"seal": rf.models.Muszynska()}``, with eccentricity at one of them.
-        clearance_um: radial clearance at the fluid, micrometres; needed by a law.
+        clearance_um: radial clearance at the fluid, micrometres, one or by plane; needed by a law.
         betas: factors of the probes, ``beta1``, ... in the order of the planes, known to be 1 unless freed; naming one
             in a fit, ``known={"beta2": None}``, asks for them too.
         probes: probes between the planes, ``{"quarter": {"disk": 0.6, "journal": 0.4}}``: shares of the planes' motion;
@@ -271,7 +269,7 @@ class Chain(RotorModel):
         blocks: Sequence[str] = (),
         two_lam: bool = False,
         law: Laws | None = None,
-        clearance_um: float | None = None,
+        clearance_um: Clearances | None = None,
         betas: bool = False,
         probes: Mapping[str, Mapping[str, float]] | None = None,
     ) -> None:
@@ -290,8 +288,7 @@ class Chain(RotorModel):
             raise ValueError("two_lam needs a fluid: say at which plane it acts, fluid=...")
         self.fluid = fluid if fluid is None or isinstance(fluid, str) else tuple(fluid)
         self.sigma = sigma
-        self.clearance_um = clearance_um
-        self.law, self.clearance = law_and_clearance(self.fluids, law, clearance_um, self.name)
+        self.law, self.clearance_um, self.clearance = laws_and_clearances(self.fluids, law, clearance_um, self.name)
         self.betas = betas
         self.probes = check_probes(probes, self.planes, self.name)
         self.blocks = check_blocks(blocks)

@@ -52,7 +52,7 @@ class RotorModel(Tabled, ABC):
     """A rotor as polynomial dynamic stiffness, ``kappa(s) = sum_k C_k s^k`` with ``s = j w``.
 
     A model of your own needs ``name``, ``planes``, ``parameters`` and :meth:`equation`; one whose entries change with
-    the eccentricity at one plane needs ``clearance``, m, too. In models with complex
+    the eccentricity at their planes needs ``clearance``, m, one or by plane, too. In models with complex
     coordinates (``frame = "z"``) the frequency w is signed and C_k complex; with ``frame = "xy"`` the coordinates are
     all x, then all y, the coefficients real and phasors refer to ``exp(+j |w| t)``.
     """
@@ -61,7 +61,8 @@ class RotorModel(Tabled, ABC):
     frame: Literal["z", "xy"] = "z"
     planes: tuple[str, ...]
     parameters: tuple[Parameter, ...]
-    clearance: float | None = None  # radial, m: the eccentricity of the equation is the orbit's radius over it
+    # radial, m, or by plane: the eccentricity of an entry of the equation is the orbit's radius there over it
+    clearance: float | Mapping[str, float] | Sequence[tuple[str, float]] | None = None
     fluids: tuple[PlaneFluid, ...] = ()  # forces of eq. (13), where the model is made of them
     caveats: tuple[str, ...] = ()  # sentences that belong beside the numbers of this model
     probes: Probes = ()  # between the planes, with their shares of the planes' motion
@@ -89,8 +90,23 @@ class RotorModel(Tabled, ABC):
         Args:
             p: the parameters by name, symbolic (``p.K0``).
             speed: rotative speed Omega, rad/s, symbolic.
-            eccentricity: orbit radius over clearance at the fluid, symbolic.
+            eccentricity: orbit radius over clearance at the plane of the entry that it changes, symbolic.
         """
+
+    def clearance_at(self, plane: str) -> float | None:
+        """Radial clearance at a plane, m.
+
+        Args:
+            plane: one of the model's planes.
+        """
+        whole = self.clearance
+        return whole if whole is None or isinstance(whole, int | float) else dict(whole).get(plane)
+
+    @property
+    def least_clearance(self) -> float | None:
+        """The smallest radial clearance, m."""
+        whole = self.clearance
+        return whole if whole is None or isinstance(whole, int | float) else min(dict(whole).values())
 
     def turning_stiffness(self, p: Any) -> Matrix:
         """Stiffness that turns with the shaft, the factor of ``exp(2j Om t) conj(z)``; none unless overridden.

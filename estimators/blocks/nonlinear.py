@@ -13,8 +13,15 @@ from rotorfit.base.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.estimators.blocks.observations import OnResponses, Responses
 from rotorfit.estimators.blocks.response import inverse_of_lines, read_by_probes, read_by_probes_jacobian
 from rotorfit.models import RotorModel
-from rotorfit.models.motion.journal import Journal, journal, known_structure, line_stiffness
-from rotorfit.models.motion.orbits import LARGEST_ECCENTRICITY, OrbitEquation, followed_roots, nearest_orbits
+from rotorfit.models.motion.journal import Journal, journals, known_structure, line_stiffness
+from rotorfit.models.motion.orbits import (
+    LARGEST_ECCENTRICITY,
+    CentredMotion,
+    followed_roots,
+    followed_together,
+    nearest_orbits,
+    nearest_together,
+)
 from rotorfit.models.shafts.shaft import KnownStiffness
 
 OrbitBranch = Literal["nearest", "followed", "given"]
@@ -25,8 +32,8 @@ class _State:
     """Orbits at parameter vectors, lines along the last axis."""
 
     theta: Float  # parameter vector of each line, shape ``(..., L or 1, P)``
-    eps: Float  # journal's eccentricity, shape ``(..., L)``
-    H: ComplexArray  # receptance at that eccentricity, shape ``(n, n, ..., L)``
+    eps: Float  # eccentricity of each journal, shape ``(J, ..., L)``
+    H: ComplexArray  # receptance at these eccentricities, shape ``(n, n, ..., L)``
     amplitude: ComplexArray  # response of every coordinate, shape ``(n, ..., L)``
 
 
@@ -34,15 +41,15 @@ class _State:
 class OrbitResponses(OnResponses):
     """Centred orbits under circular forces, or displacements under constant loads (w = 0), of a nonlinear rotor."""
 
-    # eccentricity of the journal in each line as its probe read it, NaN where it was not measured, shape ``(L,)``
+    # eccentricity of each journal in each line as its probe read it, NaN where it was not measured, shape ``(J, L)``
     eccentricity: Float
     mode: OrbitBranch  # which root
     sweep: Index  # number of the sweep of each line, for ``followed``; lines are in the sweep's order
 
     @property
-    def journal(self) -> Journal:
-        """Where the eccentricity enters."""
-        return journal(self.model)
+    def journals(self) -> tuple[Journal, ...]:
+        """Where eccentricities enter."""
+        return journals(self.model)
 
     @property
     def frozen(self) -> OrbitResponses:
@@ -66,17 +73,22 @@ class OrbitResponses(OnResponses):
 
     def lines(self, keep: Bool) -> OrbitResponses:
         """The observations of some lines."""
-        return OrbitResponses(self.base.lines(keep), self.eccentricity[keep], self.mode, self.sweep[keep])
+        return OrbitResponses(self.base.lines(keep), self.eccentricity[:, keep], self.mode, self.sweep[keep])
 
     def measured_eccentricity(self, theta: Float) -> Float:
-        """Eccentricity of the journal in each line, its probe's factor taken out, shape ``(..., L)`` or ``(L,)``."""
+        """Largest eccentricity of a journal in each line, factors of probes taken out, ``(..., L)`` or ``(L,)``."""
+        return np.asarray(self._measured(theta).max(axis=0))
+
+    def _measured(self, theta: Float) -> Float:
+        """Eccentricities of the journals as their probes read them, shape ``(J, ..., L)`` or ``(J, L)``."""
         if self.base.imposed:
             return self.eccentricity
-        return eccentricity_of_reading(self.model, theta, self.base.group, self.eccentricity)[0]
+        pairs = zip(self.journals, self.eccentricity, strict=True)
+        return np.stack([eccentricity_of_reading(seat, theta, self.base.group, eps)[0] for seat, eps in pairs])
 
     def at_small_orbits(self, limit: float) -> Responses:
         """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
-        eps = np.where(np.isfinite(self.eccentricity), self.eccentricity, 0.0)
+        eps = np.nan_to_num(self.eccentricity).max(axis=0)
         return self.lines(eps <= max(limit, float(np.median(eps)))).base
 
     def at_speeds(self, factor: float) -> OrbitResponses:
@@ -94,31 +106,41 @@ class OrbitResponses(OnResponses):
         return replace(self, base=base, eccentricity=self.eccentricity / factor)
 
     def orbits(self, theta: Float) -> Float:
-        """Eccentricity of the journal in each line, shape ``(..., L)``."""
+        """Eccentricity of each journal in each line, shape ``(J, ..., L)``."""
         return self._state(theta).eps
 
     def _state(self, theta: Float) -> _State:
-        base, seat = self.base, self.journal
-        at = seat.at
+        base, seats = self.base, self.journals
         # Lines of one group share a vector, which broadcasts: what depends on parameters alone is computed once.
         vectors = theta if theta.shape[-2] == 1 else theta[..., base.group, :]
         if self.mode == "given":
             eps = np.clip(self.eccentricity, 0.0, LARGEST_ECCENTRICITY)
             H = self._receptance(vectors, eps)
-            return _State(vectors, np.broadcast_to(eps, H.shape[2:]), H, self._forced(H))
-        H = self._receptance(vectors, 0.0)
-        centred = self._forced(H)
-        drive, w = np.abs(centred[at]) / seat.clearance, self._frequency
-        equation = OrbitEquation(theta=vectors, frequency=w, speed=self._speed, drive=drive, receptance=H[at, at])
+            shape = (len(seats), *H.shape[2:])
+            return _State(vectors, np.broadcast_to(eps[:, *[None] * (H.ndim - 3)], shape), H, self._forced(H))
+        H = self._receptance(vectors, np.zeros((len(seats), 1)))
+        moved = CentredMotion(
+            theta=vectors, frequency=self._frequency, speed=self._speed, receptance=H, amplitude=self._forced(H)
+        )
+        eps, changes = self._settled(moved, theta)
+        for seat, change in zip(seats, changes, strict=True):
+            moved = moved.changed(seat.at, change)
+        return _State(vectors, eps, moved.receptance, moved.amplitude)
+
+    def _settled(self, centred: CentredMotion, theta: Float) -> tuple[Float, ComplexArray]:
+        """Eccentricities, and changes of the stiffness, shape ``(J, ..., L)``: the roots that the mode chooses."""
+        if len(self.journals) > 1:
+            if self.mode == "nearest":
+                return nearest_together(self.journals, centred, self._measured(theta))
+            return followed_together(self.journals, centred, self.sweep)
+        (seat,) = self.journals
+        equation = centred.equation(seat)
         if self.mode == "nearest":
-            eps, delta = nearest_orbits(seat, equation, self.measured_eccentricity(theta))
+            eps, change = nearest_orbits(seat, equation, self._measured(theta)[0])
         else:
             eps = followed_roots(seat, equation, self.sweep)
-            delta = equation.change(seat, eps)
-        # Only the entry (b, b) of kappa changes: a rank-one change of its inverse.
-        gain = delta / (1.0 + delta * H[at, at])
-        column, row = gain * H[:, at], H[at]
-        return _State(vectors, eps, H - column[:, None] * row, centred - column * centred[at])
+            change = equation.change(seat, eps)
+        return eps[None], change[None]
 
     @cached_property
     def _speed(self) -> Float:
@@ -130,43 +152,21 @@ class OrbitResponses(OnResponses):
     def _frequency(self) -> Float:
         return np.ascontiguousarray(self.base.s.imag)
 
-    def _receptance(self, vectors: Float, eccentricity: Float | float) -> ComplexArray:
-        """Receptance of the rotor with its journal at an eccentricity, shape ``(n, n, ..., L)``."""
+    def _receptance(self, vectors: Float, eccentricity: Float) -> ComplexArray:
+        """Receptance of the rotor with its journals at eccentricities, shape ``(n, n, ..., L)``."""
         return inverse_of_lines(self._stiffness(vectors, self._frequency, eccentricity))
 
-    def _stiffness(self, vectors: Float, frequency: Float, eccentricity: Float | float) -> ComplexArray:
+    def _stiffness(self, vectors: Float, frequency: Float, eccentricity: Float) -> ComplexArray:
         """Dynamic stiffness of every line at a frequency of its own, likewise."""
-        kappa = line_stiffness(self.model).values(vectors, frequency, self._speed, eccentricity)
+        first, *others = eccentricity
+        graph = line_stiffness(self.model)
+        kappa = graph.values(vectors, frequency, self._speed, first)
+        for seat, own in zip(self.journals[1:], others, strict=True):  # each entry by the orbit of its own journal
+            kappa[seat.at, seat.at] = graph.values(vectors, frequency, self._speed, own)[seat.at, seat.at]
         if self.model.shaft is not None:
             s: ComplexArray = np.asarray(1j * frequency, dtype=np.complex128)
             kappa = kappa + known_structure(self.model, vectors, s, self.base.speed).values
         return np.asarray(kappa)
-
-    def compliance(self, theta: Float) -> Float:
-        """Eccentricity by which a unit of a constant load moves the journal, shape ``(..., L)``, 1/N."""
-        vectors = theta if theta.shape[-2] == 1 else theta[..., self.base.group, :]
-        held = inverse_of_lines(self._stiffness(vectors, np.zeros_like(self._frequency), 0.0))
-        return np.asarray(np.abs(held[self.journal.at, self.journal.at]) / self.journal.clearance)
-
-    def under_load(self, theta: Float, load: float) -> ComplexArray:
-        """Predictions where a constant load acts at the journal too: of an orbit a about the place p that it gives the
-        part at the frequency of the force, and the mean, balance; other harmonics are left out."""
-        state, seat = self._state(theta), self.journal
-        angle = np.pi * (np.arange(8) + 0.5)[:, None] / 8  # of the orbit from the place: Gauss and Chebyshev's nodes
-        turn = np.cos(angle)
-        orbit, place = state.eps, load * self.compliance(theta)
-        amplitude, still = state.amplitude, np.zeros_like(self._frequency)
-        for _ in range(20):  # orbit and place by turns, in part as they may swing
-            e = np.clip(np.sqrt(np.abs(orbit**2 + place**2 + 2 * orbit * place * turn)), 0.0, LARGEST_ECCENTRICITY)
-            held = self._stiffness(state.theta, still, e)
-            moved = self._stiffness(state.theta, self._frequency, e)
-            across = np.divide(place, orbit, out=np.zeros_like(orbit), where=orbit > 0)
-            amplitude = self._forced(inverse_of_lines((moved + across * turn * held).mean(axis=-2)))
-            along = np.divide(orbit, place, out=np.zeros_like(orbit), where=place > 0)
-            mean = inverse_of_lines((held + along * turn * moved).mean(axis=-2))[seat.at, seat.at]
-            orbit = orbit + 0.4 * (np.abs(amplitude[seat.at]) / seat.clearance - orbit)
-            place = place + 0.4 * (load * np.abs(mean) / seat.clearance - place)
-        return read_by_probes(self.base, theta, self._read(list(amplitude)))
 
     def _forced(self, H: ComplexArray) -> ComplexArray:
         """Response to the forces, shape ``(n, ..., L)``."""
@@ -205,48 +205,72 @@ class OrbitResponses(OnResponses):
             outer = [-value / state.H[i, i] for i, value in enumerate(values)]
         else:
             values, right = list(state.amplitude), [state.amplitude] * len(coordinates)
-        by_kappa = line_stiffness(self.model).slopes(state.theta, self._frequency, self._speed, state.eps)
+        by_kappa = self._by_kappa(state)
         known = None if self.model.shaft is None else known_structure(self.model, state.theta, base.s, base.speed)
         slopes = [self._slopes(state.H[i], by_kappa, known, right[i], count) for i in coordinates]
         if base.imposed:
             slopes = [slope * factor for slope, factor in zip(slopes, outer, strict=True)]
         elif self.mode != "given":
-            seat, moving = self.journal, state.amplitude[self.journal.at]
-            size, own = np.abs(moving), slopes[seat.at]
-            pointer = np.divide(moving.conj(), size * seat.clearance, out=np.zeros_like(moving), where=size > 0)
-            loop = 1.0 - (pointer * own[count]).real
-            free = (state.eps < LARGEST_ECCENTRICITY) & (loop != 0)  # zero where the orbit fills the gap
-            orbit = (pointer / np.where(free, loop, np.inf) * own[:count]).real
+            orbits = self._orbit_slopes(state, [slopes[seat.at] for seat in self.journals], count)
             for slope in slopes:
-                slope[:count] += slope[count] * orbit
+                for place, orbit in enumerate(orbits, count):
+                    slope[:count] += slope[place] * orbit
         by_theta = [slope[:count] for slope in slopes]
         return self._read(values), np.moveaxis(self._read(by_theta), 0, -1)
+
+    def _by_kappa(self, state: _State) -> ComplexArray:
+        """Derivatives of the stiffness's entries, each at the eccentricity of its own journal."""
+        graph = line_stiffness(self.model)
+        found = [graph.slopes(state.theta, self._frequency, self._speed, eps) for eps in state.eps]
+        for seat, own in zip(self.journals[1:], found[1:], strict=True):
+            there = np.array(graph.rows) == seat.at  # which has this eccentricity on the diagonal alone
+            found[0][there] = own[there]
+        return found[0]
+
+    def _orbit_slopes(self, state: _State, own: list[ComplexArray], count: int) -> list[Float]:
+        """Derivatives of the eccentricities by the parameters, ``(P, ..., L)`` each; zero where an orbit fills the gap.
+        ``own`` are those of the journals' motion by the parameters and by eccentricities that are held."""
+        pointers = []
+        for seat in self.journals:
+            moving = state.amplitude[seat.at]
+            size = np.abs(moving)
+            pointers.append(np.divide(moving.conj(), size * seat.clearance, out=np.zeros_like(moving), where=size > 0))
+        if len(own) == 1:
+            ((pointer,), (slope,)) = pointers, own
+            loop = 1.0 - (pointer * slope[count]).real
+            free = (state.eps[0] < LARGEST_ECCENTRICITY) & (loop != 0)
+            return [(pointer / np.where(free, loop, np.inf) * slope[:count]).real]
+        parts = np.stack([(pointer * slope).real for pointer, slope in zip(pointers, own, strict=True)], axis=-1)
+        loops = np.eye(len(own)) - np.moveaxis(parts[count:], 0, -1)
+        free = np.asarray((state.eps < LARGEST_ECCENTRICITY).all(axis=0))
+        found = np.linalg.solve(loops, np.moveaxis(parts[:count], 0, -1))
+        return [np.moveaxis(found[..., k, :], -1, 0) * free for k in range(len(own))]
 
     def _slopes(
         self, left: ComplexArray, by_kappa: ComplexArray, known: KnownStiffness | None, right: ComplexArray, count: int
     ) -> ComplexArray:
-        """``-left dkappa right`` by the parameters and, last, by eccentricity, shape ``(P + 1, ..., L)``."""
+        """``-left dkappa right`` by the parameters and, last, by eccentricities, shape ``(P + J, ..., L)``."""
         graph = line_stiffness(self.model)
-        total = np.zeros((count + 1, *left.shape[1:]), dtype=complex)
+        seats = {seat.at: number for number, seat in enumerate(self.journals)}
+        total = np.zeros((count + len(seats), *left.shape[1:]), dtype=complex)
         products: dict[tuple[int, int], ComplexArray] = {}
         for value, place, row, column in zip(by_kappa, graph.inputs, graph.rows, graph.columns, strict=True):
             if (row, column) not in products:
                 products[row, column] = left[row] * right[column]
-            total[place] -= products[row, column] * value
+            total[place + seats[row] if place == count else place] -= products[row, column] * value
         if known is not None:
             for place, slope in zip(known.inputs.tolist(), known.slopes, strict=True):
                 total[place] -= np.einsum("i...,ij...,j...->...", left, slope, right)
         return total
 
 
-def eccentricity_of_reading(model: RotorModel, theta: Float, group: Index, reading: Float) -> tuple[Float, Float]:
-    """Eccentricities by the journal's probe, ``(..., L)``, and slopes by parameters, ``(..., L, P)`` or ``(1,)``."""
-    functions = model.functions
-    if not (functions.has_probe_factors and model.eccentricity_dependent):
+def eccentricity_of_reading(seat: Journal, theta: Float, group: Index, reading: Float) -> tuple[Float, Float]:
+    """Eccentricities by a journal's probe, ``(..., L)``, and slopes by parameters, ``(..., L, P)`` or ``(1,)``."""
+    functions = seat.model.functions
+    if not functions.has_probe_factors:
         return reading, np.zeros(1)
-    at = journal(model).at
-    factor = functions.factors(theta)[..., group, at].real
-    slope = functions.factor_jacobian(theta)[..., group, at, :].real
+    factor = functions.factors(theta)[..., group, seat.at].real
+    slope = functions.factor_jacobian(theta)[..., group, seat.at, :].real
     with np.errstate(divide="ignore", invalid="ignore"):  # a factor of zero is a bound
         eps = np.where(reading == 0, 0.0, reading / factor)
         by_theta = np.where((eps < LARGEST_ECCENTRICITY)[..., None], -(eps / factor)[..., None] * slope, 0.0)
@@ -254,7 +278,8 @@ def eccentricity_of_reading(model: RotorModel, theta: Float, group: Index, readi
 
 
 def resized(model: RotorModel, factor: float) -> RotorModel:
-    """The model in a bearing of another clearance."""
+    """The model in bearings of other clearances."""
     other = copy(model)
-    other.clearance = factor * (model.clearance or 0.0)
+    gaps = ((plane, model.clearance_at(plane)) for plane in model.planes)
+    other.clearance = tuple((plane, factor * gap) for plane, gap in gaps if gap is not None)
     return other

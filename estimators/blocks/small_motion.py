@@ -50,7 +50,7 @@ class OffCentreResponses(Observed):
 
     def measured_eccentricity(self, theta: Float) -> Float:
         """Static eccentricity of the journal in each line, the factor of its probe taken out, shape ``(..., L)``."""
-        return eccentricity_of_reading(self.model, theta, self.group, self.eccentricity)[0]
+        return eccentricity_of_reading(journal(self.model), theta, self.group, self.eccentricity)[0]
 
     def at_small_orbits(self, limit: float) -> Responses:
         """Readings of each probe as of circular orbits: what is anisotropic cancels between x and y."""
@@ -85,7 +85,7 @@ class OffCentreResponses(Observed):
 
     def predict_jacobian(self, theta: Float) -> tuple[ComplexArray, ComplexArray]:
         """See :meth:`~rotorfit.estimators.blocks.observations.Block.predict_jacobian`."""
-        eps, rest = eccentricity_of_reading(self.model, theta, self.group, self.eccentricity)
+        eps, rest = eccentricity_of_reading(journal(self.model), theta, self.group, self.eccentricity)
         vectors, H, amplitude = self._solve(theta, eps)
         n, count = amplitude.shape[0] // 2, theta.shape[-1]
         left, right = self._read(H), amplitude[..., self.line]
@@ -150,8 +150,10 @@ class FreeVibrations(Observed):
 
     def _at_rest(self, theta: Float) -> tuple[Float, Float]:
         """Static eccentricities and their derivatives, those that were given being what they are."""
-        eps, by_theta = eccentricity_of_reading(self.model, theta, self.reading_group, self.eccentricity)
-        read = self.position_read
+        if not self.model.eccentricity_dependent:
+            return self.eccentricity, np.zeros(1)
+        seat, read = journal(self.model), self.position_read
+        eps, by_theta = eccentricity_of_reading(seat, theta, self.reading_group, self.eccentricity)
         return np.where(read, eps, self.eccentricity), by_theta * read[:, None]
 
     def predict(self, theta: Float) -> ComplexArray:

@@ -94,18 +94,19 @@ def known_structure(model: RotorModel, vectors: Float, s: ComplexArray, speed: F
 
 
 class Journal:
-    """The one coordinate whose orbit changes the fluid: only the entry (b, b) depends on the eccentricity, so that with
-    ``Delta(eps)`` its change and H the receptance of the centred rotor, ``A_b = (H F)_b / (1 + H_bb Delta)``."""
+    """A coordinate whose orbit changes the fluid there: of what depends on its eccentricity there is the entry (b, b)
+    alone, so that with ``Delta(eps)`` its change and H the receptance of the rotor with this journal centred,
+    ``A_b = (H F)_b / (1 + H_bb Delta)``."""
 
-    def __init__(self, model: RotorModel) -> None:
-        if model.frame != "z":
-            raise ValueError(f"{model.name} keeps x and y apart; laws of eccentricity need complex coordinates")
+    def __init__(self, model: RotorModel, at: int) -> None:
         theta, speed, eccentricity, matrices, _ = model.symbolic
         self.model = model
-        self.at = _coordinate(model)
-        if model.clearance is None:
-            raise ValueError(f"{model.name} depends on eccentricity and has no clearance")
-        self.clearance = model.clearance
+        self.at = at
+        self.plane = model.coordinates[at].plane
+        clearance = model.clearance_at(self.plane)
+        if clearance is None:
+            raise ValueError(f"{model.name} depends on eccentricity at {self.plane} and has no clearance there")
+        self.clearance = clearance
         entries = [part for m in matrices for part in (m.re[self.at, self.at], m.im[self.at, self.at])]
         drive = ca.densify(ca.vertcat(*entries))
         centred = ca.substitute(drive, eccentricity, 0.0)  # exactly zero for what does not change
@@ -170,22 +171,39 @@ def _change_of_one(seat: Journal, rotor: tuple[float, ...]) -> Callable[[Sequenc
 
 
 @lru_cache(maxsize=64)
+def journals(model: RotorModel) -> tuple[Journal, ...]:
+    """The journals of a model that depends on eccentricity, each by that of its own orbit, compiled once."""
+    if model.frame != "z":
+        raise ValueError(f"{model.name} keeps x and y apart; laws of eccentricity need complex coordinates")
+    return tuple(Journal(model, at) for at in _coordinates(model))
+
+
 def journal(model: RotorModel) -> Journal:
-    """The journal of a model that depends on eccentricity, compiled once."""
-    return Journal(model)
+    """The journal of a model that has one, for motion other than centred orbits."""
+    seats = journals(model)
+    if len(seats) > 1:
+        planes = " and ".join(seat.plane for seat in seats)
+        raise ValueError(
+            f"{model.name} changes with the orbits at {planes}. Centred orbits are worked out for several journals; "
+            "constant loads, positions off centre, imposed orbits and whirl beyond the onset for one: give the law of "
+            f"one plane alone, law={{{seats[0].plane!r}: ...}}"
+        )
+    return seats[0]
 
 
-def _coordinate(model: RotorModel) -> int:
+def _coordinates(model: RotorModel) -> list[int]:
     functions = model.functions
     chosen = functions.inputs == functions.n_parameters + 1
     places = set(zip(functions.rows[chosen].tolist(), functions.columns[chosen].tolist(), strict=True))
     if not places:
         raise ValueError(f"{model.name} as used here does not depend on eccentricity; give it a law")
-    if len(places) > 1 or any(row != column for row, column in places):
+    beside = [(row, column) for row, column in places if row != column or model.coordinates[row].axis != "z"]
+    if beside:
         raise ValueError(
-            f"{model.name}: eccentricity enters the stiffness at {len(places)} places; one diagonal entry is allowed"
+            f"{model.name}: eccentricity enters the stiffness at {len(places)} places; only entries on the diagonal, "
+            "each of the displacement at a plane, may change, with the orbit there"
         )
-    return int(next(iter(places))[0])
+    return sorted(row for row, _ in places)
 
 
 def _excess_graph(theta: ca.SX, speed: ca.SX, eccentricity: ca.SX, change: ca.SX) -> ca.Function:

@@ -41,7 +41,7 @@ def test_sensitivities_of_the_implicit_equation_are_exact(name: str, mode: Orbit
         run=np.full(line.size, "r"),
         imposed=imposed,
     )
-    block = OrbitResponses(base, eps, mode, np.zeros(lines, dtype=np.intp))
+    block = OrbitResponses(base, eps[None], mode, np.zeros(lines, dtype=np.intp))
     predicted, slopes = block.predict_jacobian(theta[None])
     np.testing.assert_array_equal(predicted, block.predict(theta[None]))
     for place, parameter in enumerate(model.parameters):

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 from sentences import refuses
 
 import rotorfit as rf
+from rotorfit.identify.fitting.headline import headline
+from rotorfit.identify.fitting.problem_setup import build_problem
+from rotorfit.identify.fitting.settings import FitSettings
 from rotorfit.models import Chain, KnownStructure, LinearInSpeed, Muszynska, Parameter, RotorModel, fluids_of
 
 PLANES = ("bearing", "disk", "seal")
@@ -17,6 +23,8 @@ TRUTH = {
     "K0_seal": 1e4, "D_seal": 250.0, "lam_seal": 0.38, "Mf_seal": 0.9,
 }  # fmt: skip
 KNOWN = {"K1": 0.0, "K4": 0.0, "Ds1": 0.0, "Ds3": 0.0}
+HELD = {"K1": 0.0, "K3": 0.0, "Ds1": 0.0, "Ds2": 0.0}
+MUSZYNSKA = Muszynska()
 
 
 def stiffness(w: float, speed: float, sigma: float = 1.0, growth: float = 0.0) -> np.ndarray:
@@ -145,8 +153,73 @@ def test_a_known_shaft_and_a_model_of_ones_own_have_the_same_fluids() -> None:
     assert own.orbit_start({**TRUTH}) == {"n_K_seal": 1.0, "n_D_seal": 1.0, "b_seal": 0.5}
 
 
-def test_laws_of_eccentricity_at_two_journals_are_refused() -> None:
+LAWS = {"n_K_bearing": 1.5, "n_D_bearing": 1.0, "b_bearing": 0.4, "n_K_seal": 2.0, "n_D_seal": 0.8, "b_seal": 0.3}
+GAPS = {"bearing": 100.0, "seal": 130.0}
+BOTH = {"M1": 2.0, "M2": 3.0, "K2": 8e4, **{name: v for name, v in TRUTH.items() if "_" in name}, **LAWS}
+
+
+def two_journals(law=MUSZYNSKA, gaps=GAPS) -> Chain:
+    return Chain(2, ("bearing", "seal"), fluid=("bearing", "seal"), law=law, clearance_um=gaps)
+
+
+@pytest.fixture(scope="module")
+def of_two_laws() -> rf.PerturbationTest:
+    """Sweeps with the force at the bearing, then at the seal, integrated in time, without noise: orbits up to half."""
+    rpm = [-2400, -1600, -800, 500, 900, 1200, 1500, 1800, 2400]
+    forces = {"speed_rpm": [800, 1500], "frequency_rpm": rpm, "force": [0.5, 2.0, 3.5], "planes": ["bearing", "seal"]}
+    return rf.simulate(two_journals(), {**BOTH, **HELD}, **forces, noise=0.0)
+
+
+def noisy(test: rf.PerturbationTest, seed: int) -> rf.PerturbationTest:
+    noise = np.random.default_rng(seed).normal(scale=6e-8, size=(2, len(test)))
+    return replace(test, response=test.response + noise.T @ [1, 1j], sigma=np.full(len(test), 6e-8))
+
+
+def test_orbits_of_two_journals_are_those_of_the_motion_in_time(of_two_laws) -> None:
+    told = replace(of_two_laws, sigma=np.full(len(of_two_laws), 1e-9))
+    problem = build_problem(two_journals(), told, FitSettings(known=HELD, causes=None))
+    (block,), x = problem.blocks, np.array([BOTH[name] for name in problem.space.names])
+    assert np.ptp(block.eccentricity, axis=1).min() > 0.5
+    largest = np.abs(of_two_laws.response).max()
+    for mode in ("nearest", "followed"):  # 1e-6 is the tolerance of the integration
+        found = replace(block, mode=mode).predict(problem.space.theta(x))
+        assert np.abs(found - block.base.measured).max() < 3e-6 * largest
+    step = 1e-5 * np.abs(x)
+    for number, column in enumerate(problem.jacobian(x)[1].T):
+        ahead, back = (problem.residuals(x + sign * step * (np.arange(x.size) == number)) for sign in (1, -1))
+        np.testing.assert_allclose((ahead - back) / (2 * step[number]), column, atol=1e-7 * np.abs(column).max())
+    many = problem.residuals(np.tile(x, (3, 1)))
+    np.testing.assert_allclose(many[1], problem.residuals(x), atol=1e-6)
+
+
+@pytest.mark.parametrize("draws", [12, pytest.param(60, marks=pytest.mark.slow)])
+def test_intervals_of_both_laws_hold(draws: int, of_two_laws) -> None:
+    inside = []
+    for seed in range(draws):
+        fit = rf.fit(two_journals(), noisy(of_two_laws, seed), known=HELD, causes=None)
+        inside.append([low < BOTH[name] < high for name in BOTH for low, high in [fit.interval(name)]])
+    share = np.mean(inside)
+    assert abs(share - 0.95) < 3.5 * np.sqrt(0.95 * 0.05 / draws / 4)  # of 17 values that go together
+
+
+def test_outputs_name_the_laws_of_both_journals(of_two_laws, tmp_path: Path) -> None:
+    fit = rf.fit(two_journals(dict.fromkeys(GAPS, MUSZYNSKA)), noisy(of_two_laws, 1), known=HELD)
+    assert {"D_bearing", "D_seal"} <= {number.name for number in headline(fit).numbers}
+    assert len(fit.plot.law().axes) == 6
+    for name, value in BOTH.items():
+        assert abs(fit.params[name].value - value) < 4 * fit.params[name].stderr, name
+    fit.save(tmp_path / "fit.json")
+    assert rf.load_fit(tmp_path / "fit.json").model == fit.model
     with refuses(ValueError):
-        chain(law=Muszynska(), clearance_um=100.0)
+        fit.plot.nonlinear_stiffness()
+
+
+def test_clearances_and_laws_stand_where_fluids_act() -> None:
     with refuses(ValueError):
-        chain(law={"disk": Muszynska()}, clearance_um=100.0)
+        two_journals(gaps=None)
+    with refuses(ValueError):
+        two_journals(gaps={"bearing": 100.0})
+    with refuses(ValueError):
+        two_journals(gaps={**GAPS, "disk": 90.0})
+    with refuses(ValueError):
+        chain(law={"disk": MUSZYNSKA}, clearance_um=100.0)

@@ -115,8 +115,10 @@ class Headline:
         """At most five, those first that the model is asked for."""
         fit = self.fit
         found: list[KeyNumber] = []
+        endings = dict.fromkeys(["", *(fluid.ending for fluid in fit.model.fluids)])
         for name in leads_of(fit):
-            found += _LEADS[name](fit) if name in _LEADS else _parameter(fit, name)
+            own = (number for ending in endings for number in _parameter(fit, name + ending))
+            found += _LEADS[name](fit) if name in _LEADS else own
         shown = {number.name for number in found}
         of_groups = bool(found) and len(fit.thetas) > 1  # one group's value says little beside what leads
         for p in fit.params.values() if not of_groups else ():
@@ -244,9 +246,9 @@ def _anisotropy(fit: FitResult) -> Iterator[KeyNumber]:
 
 def _law(fit: FitResult) -> Iterator[KeyNumber]:
     """What a law of eccentricity says of the fluid."""
-    law = getattr(fit.model, "law", None)
-    for parameter in law.parameters if law is not None else ():
-        yield from _parameter(fit, parameter.name)
+    for fluid in fit.model.fluids:
+        for parameter in fluid.law.parameters:
+            yield from _parameter(fit, parameter.name + fluid.ending)
 
 
 def _least_damping(fit: FitResult) -> Iterator[KeyNumber]:

@@ -145,5 +145,5 @@ def _imposed(model: RotorModel, base: Responses) -> Block:
             f"to be imposed there, or the eccentricity is not known"
         )
     eps = np.abs(base.force[:, seat.at]) / seat.clearance
-    check_clearance(eps, model, "imposed orbits")
-    return OrbitResponses(base, eps, "given", np.arange(eps.size, dtype=np.intp))
+    check_clearance(eps, seat.clearance, "imposed orbits")
+    return OrbitResponses(base, eps[None], "given", np.arange(eps.size, dtype=np.intp))

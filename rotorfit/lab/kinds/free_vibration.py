@@ -20,6 +20,7 @@ from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.data.table_columns import ECCENTRICITY, FREQUENCY, PURE, Column, Layout, X, Y, noise
 from rotorfit.lab.observing.rows import check_clearance, check_finite, of_rows, spread_of_repeats
 from rotorfit.models import RotorModel
+from rotorfit.models.motion.journal import journal
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -164,8 +165,9 @@ def _observed(test: ImpulseTest, model: RotorModel, group: Index) -> FreeVibrati
     check_finite(test, test.frequency, test.damping_ratio)
     eps = test.eccentricity.copy()
     read = np.isnan(eps)
-    if model.clearance is not None:
-        eps = np.where(np.isnan(eps), np.abs(test.position) / model.clearance, eps)
+    clearance = journal(model).clearance if model.eccentricity_dependent else model.least_clearance
+    if clearance is not None:
+        eps = np.where(np.isnan(eps), np.abs(test.position) / clearance, eps)
     elif not model.eccentricity_dependent:
         eps[np.isnan(eps)] = 0.0
     if np.isnan(eps).any():
@@ -174,7 +176,8 @@ def _observed(test: ImpulseTest, model: RotorModel, group: Index) -> FreeVibrati
             f"{test.source or 'impulse test'}: row {row} gives neither eccentricity nor position of the journal; use 0 "
             f"for a centred one"
         )
-    check_clearance(eps, model, "static positions")
+    if clearance is not None:
+        check_clearance(eps, clearance, "static positions")
     s = test.eigenvalue
     sigma = test.sigma.copy()
     if np.isnan(sigma).any():

@@ -133,14 +133,14 @@ def _observed(test: StaticTest, model: RotorModel, group: Index) -> Block:
         return block
     eps = _eccentricity(model, test, coordinate)
     sweep = test.alike("run", "speed", "load_plane", "plane")[1]
-    return OrbitResponses(block, eps, "nearest" if np.isfinite(eps).all() else "followed", sweep)
+    return OrbitResponses(block, eps[None], "nearest" if np.isfinite(eps).all() else "followed", sweep)
 
 
 def _eccentricity(model: RotorModel, test: StaticTest, coordinate: Index) -> Float:
     """Measured eccentricity of the journal in each row, NaN where no probe read it under that load."""
     seat = journal(model)
     eps = np.where(coordinate == seat.at, np.abs(test.displacement) / seat.clearance, np.nan)
-    check_clearance(eps, model, "static positions")
+    check_clearance(eps, seat.clearance, "static positions")
     loads = test.same_place
     for load in np.unique(loads[np.isnan(eps)]):  # other planes under a load share the journal's position
         here = loads == load

@@ -12,15 +12,15 @@ from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.rows import Experiment
 from rotorfit.lab.observing.rows import LARGEST_MEASURED_ECCENTRICITY
 from rotorfit.models import RotorModel
-from rotorfit.models.motion.journal import journal
+from rotorfit.models.motion.journal import Journal, journals
 
 
-def _within_clearance(model: RotorModel, test: Experiment) -> tuple[Experiment, str]:
+def _within_clearance(seat: Journal, test: Experiment) -> tuple[Experiment, str]:
     """A test without the few readings that no journal within its clearance can have made, and a sentence on them. All
     readings of such a line go: they would be compared with a wrong orbit. Where there are many, the test is left as it
     is, and is refused when it is observed."""
-    clearance = model.clearance or np.nan
-    size = test.excursion(model.coordinates[journal(model).at].plane, clearance)
+    clearance = seat.clearance
+    size = test.excursion(seat.plane, clearance)
     beyond = size > LARGEST_MEASURED_ECCENTRICITY * clearance
     slips_share = 0.05  # share of a test's readings that may be slips of the instruments
     if not 0 < np.count_nonzero(beyond) <= max(1.0, slips_share * np.isfinite(size).sum()):
@@ -42,20 +42,23 @@ def _within_clearance(model: RotorModel, test: Experiment) -> tuple[Experiment, 
 
 def usable(model: RotorModel, test: Experiment) -> tuple[Experiment, tuple[str, ...]]:
     """A test as it can be fitted, and sentences on the readings that were left out."""
-    if model.clearance is None or not model.eccentricity_dependent:
+    if not model.eccentricity_dependent or model.frame != "z":
         return test, ()
-    inside, beyond = _within_clearance(model, test)
-    clear, jumped = _off_jumps(model, inside)
-    return clear, tuple(filter(None, (beyond, jumped)))
+    said = []
+    for seat in journals(model):
+        for part in (_within_clearance, _off_jumps):
+            test, sentence = part(seat, test)
+            said.append(sentence)
+    return test, tuple(filter(None, said))
 
 
-def _off_jumps(model: RotorModel, given: Experiment) -> tuple[Experiment, str]:
+def _off_jumps(seat: Journal, given: Experiment) -> tuple[Experiment, str]:
     """A test without the last two lines before each jump of a sweep, and a sentence: the orbit's slopes are infinite at
     a branch's end, where a search stalls. Lines are taken to be in the order swept."""
     test = given.perturbation
     if test is None:
         return given, ""
-    moving = np.flatnonzero(test.plane == model.coordinates[journal(model).at].plane)
+    moving = np.flatnonzero(test.plane == seat.plane)
     if test.static_position is not None or not moving.size:
         return test, ""
     sweep = combined(
@@ -67,7 +70,7 @@ def _off_jumps(model: RotorModel, given: Experiment) -> tuple[Experiment, str]:
     step_ratio = 4.0  # times the steps on either side of it
     lines_before = 2  # lines left out before a jump
     for rows in (moving[own] for own in rows_by(sweep[moving]) if own.size >= FEWEST_LINES):
-        step = np.abs(np.diff(test.response[rows])) / (model.clearance or np.nan)
+        step = np.abs(np.diff(test.response[rows])) / seat.clearance
         beside = np.maximum(np.append(step[1:], 0.0), np.append(0.0, step[:-1]))
         places = np.flatnonzero((step > least_step) & (step > step_ratio * beside) & _swept_on(test, rows)).tolist()
         jumps += len(places)

@@ -19,7 +19,7 @@ from rotorfit.lab.data.weights import Influences
 from rotorfit.lab.observing.circular import observe
 from rotorfit.lab.observing.rows import check_clearance, check_finite
 from rotorfit.models import AnisotropicShaft, RotorModel
-from rotorfit.models.motion.journal import journal
+from rotorfit.models.motion.journal import journal, journals
 
 
 def forced_responses(model: RotorModel, test: PerturbationTest, group: Index) -> Block:
@@ -47,10 +47,10 @@ def forced_responses(model: RotorModel, test: PerturbationTest, group: Index) ->
 
 def _orbits(model: RotorModel, base: Responses) -> OrbitResponses:
     """Responses with their measured eccentricity, which chooses the branch, or that of a sweep from the first line."""
-    seat = journal(model)
-    amplitude, _ = base.amplitudes()
-    eps = np.abs(amplitude[:, seat.at]) / seat.clearance
-    check_clearance(eps, model, "orbits")
+    seats, (amplitude, _) = journals(model), base.amplitudes()
+    eps = np.stack([np.abs(amplitude[:, seat.at]) / seat.clearance for seat in seats])
+    for seat, own in zip(seats, eps, strict=True):
+        check_clearance(own, seat.clearance, "orbits")
     sense = np.where(base.frequency < 0, -1.0, 1.0)
     plane = np.argmax(np.abs(base.force), axis=1)
     run = np.full(base.speed.size, "", dtype=base.run.dtype)
@@ -76,7 +76,7 @@ def off_centre_responses(
     seat = journal(model)
     eps = np.abs(position) / seat.clearance
     check_finite(test, position)
-    check_clearance(eps, model, "static positions")
+    check_clearance(eps, seat.clearance, "static positions")
     parts = []
     for axis in ("x", "y"):
         rows = np.flatnonzero(test.direction == axis)

@@ -24,13 +24,13 @@ def of_rows(model: RotorModel, test: Experiment, names: Iterable[str]) -> dict[s
     return {"model": model, "speed": test.speed, "run": test.run, "label": label, "labels": tuple(labels)}
 
 
-def check_clearance(eps: Float, model: RotorModel, what: str) -> None:
+def check_clearance(eps: Float, clearance: float, what: str) -> None:
     """Refuse motion beyond the clearance."""
     largest = float(np.nanmax(eps, initial=0.0))
-    if largest > LARGEST_MEASURED_ECCENTRICITY and model.clearance is not None:
+    if largest > LARGEST_MEASURED_ECCENTRICITY:
         raise ValueError(
-            f"{what} reach {significant(largest * model.clearance * 1e6, 4)} um, the clearance is "
-            f"{significant(model.clearance * 1e6, 4)} um; "
+            f"{what} reach {significant(largest * clearance * 1e6, 4)} um, the clearance is "
+            f"{significant(clearance * 1e6, 4)} um; "
             "check the clearance (clearance_um=, --clearance-um) and the units of the data"
         )
 

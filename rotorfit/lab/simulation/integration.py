@@ -18,7 +18,7 @@ from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.models import RotorModel
-from rotorfit.models.motion.journal import Journal, journal
+from rotorfit.models.motion.journal import Journal, journals
 from rotorfit.models.motion.time_steps import RowsInTime
 
 Force = Callable[[float], ComplexArray]
@@ -99,34 +99,31 @@ class Motion:
         return np.asarray(np.linalg.inv(mass), dtype=complex)
 
     @cached_property
-    def _journal(self) -> Journal | None:
-        return journal(self.model) if self.model.eccentricity_dependent else None
-
-    @cached_property
-    def _change(self) -> Callable[[Float], ComplexArray]:
-        """Change of the journal's coefficients by its eccentricity; rotors that are all alike count as one."""
-        if self._journal is None:
-            raise TypeError(f"{self.model.name} does not depend on eccentricity")
+    def _journals(self) -> list[tuple[Journal, Callable[[Float], ComplexArray]]]:
+        """Journals and the change of their coefficients by eccentricity; rotors that are all alike count as one."""
         alike = (self.theta == self.theta[:1]).all() and (self.speed == self.speed[:1]).all()
         rotors = 0 if alike else slice(None)
-        return self._journal.change_of(self.theta[rotors], self.speed[rotors])
+        seats = journals(self.model) if self.model.eccentricity_dependent else ()
+        return [(seat, seat.change_of(self.theta[rotors], self.speed[rotors])) for seat in seats]
 
     def eccentricity(self, z: ComplexArray) -> Float:
-        """Eccentricity of the journal, shape ``(..., L)``, zero in a linear model."""
-        if self._journal is None:
-            return np.zeros(z.shape[:-1])
-        return np.asarray(np.abs(z[..., self._journal.at]) / self._journal.clearance)
+        """Largest eccentricity of a journal, shape ``(..., L)``, zero in a linear model."""
+        eps = [np.abs(z[..., seat.at]) / seat.clearance for seat, _ in self._journals]
+        return np.max(eps, axis=0) if eps else np.zeros(z.shape[:-1])
 
     def acceleration(self, z: ComplexArray, v: ComplexArray, force: ComplexArray) -> ComplexArray:
         """Acceleration of all coordinates, m/s^2, shape ``(L, n)``."""
-        seat, free, given = self._journal, self._free, self.imposed
-        inertia: ComplexArray | None = None
-        if seat is not None:
-            change = self._change(self.eccentricity(z))
-            force = force.copy()
-            if seat.at != given:
-                force[:, seat.at] -= change[0] * z[:, seat.at] + change[1] * v[:, seat.at]
-                inertia = change[2] if seat.inertia_changes else None
+        free, given = self._free, self.imposed
+        inertias: list[tuple[int, ComplexArray]] = []
+        force = force.copy() if self._journals else force
+        for seat, change_at in self._journals:
+            at = seat.at
+            if at == given:
+                continue
+            change = change_at(np.abs(z[:, at]) / seat.clearance)
+            force[:, at] -= change[0] * z[:, at] + change[1] * v[:, at]
+            if seat.inertia_changes:
+                inertias.append((at, change[2]))
         a = (self._own_acceleration @ np.concatenate([z, v], axis=1)[:, :, None])[:, :, 0]
         if given is None:
             a += (self._inverse_mass @ force[:, :, None])[:, :, 0]
@@ -134,19 +131,22 @@ class Motion:
             drive = force[:, free] - self.mass[:, free, given] * force[:, [given]]
             own, a = a, force.copy()
             a[:, free] = own + (self._inverse_mass @ drive[:, :, None])[:, :, 0]
-        if seat is not None and inertia is not None:
-            # Only the entry (b, b) of the mass matrix changes: a rank-one change of its inverse.
-            at, place = seat.at, int(np.flatnonzero(free == seat.at)[0])
-            gain = inertia * a[:, at] / (1.0 + inertia * self._inverse_mass[:, place, place])
-            a[:, free] -= self._inverse_mass[:, :, place] * gain[:, None]
+        inverse = self._inverse_mass
+        for at, inertia in inertias:  # an entry (b, b) of the mass matrix changes: a rank-one change of its inverse
+            place = int(np.flatnonzero(free == at)[0])
+            gain = inertia / (1.0 + inertia * inverse[:, place, place])
+            a[:, free] -= inverse[:, :, place] * (gain * a[:, at])[:, None]
+            if len(inertias) > 1:
+                inverse = inverse - gain[:, None, None] * inverse[:, :, [place]] * inverse[:, [place]]
         return np.asarray(a)
 
     def force(self, z: ComplexArray, v: ComplexArray, a: ComplexArray) -> ComplexArray:
         """Force that a motion needs at an instant, N, shape ``(L, n)``."""
         total = (self._passive @ np.concatenate([z, v], axis=1)[:, :, None])[:, :, 0]
         total += (self.mass @ a[:, :, None])[:, :, 0]
-        if self._journal is not None:
-            at, change = self._journal.at, self._change(self.eccentricity(z))
+        for seat, change_at in self._journals:
+            at = seat.at
+            change = change_at(np.abs(z[:, at]) / seat.clearance)
             total[:, at] += change[0] * z[:, at] + change[1] * v[:, at] + change[2] * a[:, at]
         return np.asarray(total)
 
@@ -332,7 +332,7 @@ def _typical(motion: Motion, w: Float, force: ComplexArray, load: ComplexArray) 
     moving = np.einsum("lij,lj->li", motion.model.receptance(motion.theta, w, motion.speed), force)
     at_rest = np.einsum("lij,lj->li", motion.model.receptance(motion.theta, 0.0, motion.speed), load)
     size = (np.abs(moving) + np.abs(at_rest)).max(axis=1)
-    limit = motion.model.clearance if motion.model.eccentricity_dependent else None
+    limit = motion.model.least_clearance if motion.model.eccentricity_dependent else None
     return np.asarray(size if limit is None else np.minimum(size, limit))
 
 

@@ -25,7 +25,7 @@ from rotorfit.lab.simulation.integration import IntegrationError, Motion
 from rotorfit.lab.simulation.turbulence import Turbulence
 from rotorfit.lab.simulation.turning_speeds import Rotation, Wander
 from rotorfit.models import RotorModel, threshold_speed
-from rotorfit.models.motion.journal import journal
+from rotorfit.models.motion.journal import journal, journals
 from rotorfit.models.motion.off_centre import off_centre_eigenvalues, static_equilibria
 from rotorfit.models.motion.stability import growth_rate, roots
 from rotorfit.models.motion.time_steps import RowsInTime, TimeSteps
@@ -48,8 +48,8 @@ class VirtualRig:
 
     @property
     def seat(self) -> int:
-        """Coordinate that constant loads act on by default: the journal, or the last plane."""
-        return journal(self.model).at if self.model.eccentricity_dependent else len(self.model.planes) - 1
+        """Coordinate that constant loads act on by default: the first journal, or the last plane."""
+        return journals(self.model)[0].at if self.model.eccentricity_dependent else len(self.model.planes) - 1
 
     def motion(self, speed: Float, imposed: int | None = None) -> Motion:
         """Equations of motion of as many rotors as speeds."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from matplotlib.figure import Figure
 from rotorfit.base.array_types import Index
 from rotorfit.identify.fitting.propagation import by_values_of_causes
 from rotorfit.identify.fitting.result import FitResult
-from rotorfit.models.coefficient_tables import changing_fluid, law_curves
+from rotorfit.models.coefficient_tables import changing_fluids, law_curves
 from rotorfit.show.plots import journal, style
 from rotorfit.show.plots.journal import rig_of
 from rotorfit.show.plots.sweeps import levels
@@ -22,7 +23,7 @@ def plot_law(fit: FitResult, *, sheet: style.Sheet) -> Figure:
 
     Dotted beyond the data, where the law alone speaks. A law that changes with speed has a curve for each tested one.
     """
-    changing_fluid(fit.model)
+    changing_fluids(fit.model)
     limit, measured = journal.reach(fit), journal.eccentricities(fit)
     eps = np.linspace(0.0, limit + 0.15 * min(limit, 1 - limit), 200)
     series = journal.law_series(fit)
@@ -61,7 +62,7 @@ def plot_relative_law(fit: FitResult, *, sheet: style.Sheet) -> Figure:
 
     Bands hold 95 %; of several conditions the last is drawn. Dotted beyond the data.
     """
-    changing_fluid(fit.model)
+    changing_fluids(fit.model)
     limit = journal.reach(fit)
     eps = np.linspace(0.0, limit + 0.15 * min(limit, 1 - limit), 200)
     group, speed = journal.law_series(fit)[-1]
@@ -69,7 +70,8 @@ def plot_relative_law(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     figure, ((axis,),) = sheet.grid(1, 1, "", size=style.HALF)
     style.panel_title(axis, "Fluid over its value in the centre")
     ends, seen = [], eps <= limit
-    for curve, colour, look in zip(curves, style.COLOURS, ("-", "--", "-."), strict=False):
+    looks = zip(cycle(style.COLOURS), cycle(("-", "--", "-.")), strict=True)
+    for curve, (colour, look) in zip(curves, looks, strict=False):
         half = journal.half_width(fit, group, curve.slope, by_values_of_causes(fit, curve.slope, group, speed))
         value, band = curve.value / curve.value[0], half / abs(curve.value[0])
         style.draw_curve(axis, eps[seen], value[seen], band[seen], colour, look)
@@ -90,7 +92,7 @@ def plot_nonlinear_stiffness(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     Points are the data minus what the fitted model has for a vanishing orbit, lines the law's. Left against frequency,
     one colour a force level; right against eccentricity. Above the direct, below the quadrature part.
     """
-    changing_fluid(fit.model)
+    changing_fluids(fit.model)
     blocks = list(journal.journal_lines(fit, static=False))
     if not blocks:
         raise ValueError("this fit has no circular orbits of the journal to plot")

@@ -12,6 +12,7 @@ from rotorfit.estimators.blocks.operating import OperatingSpectra
 from rotorfit.estimators.starting.force_balance import stiffness_matrices
 from rotorfit.identify.fitting.headline import leads_of
 from rotorfit.identify.fitting.result import FitResult
+from rotorfit.models.motion.journal import journals
 
 
 class ReportFigure(NamedTuple):
@@ -33,6 +34,8 @@ def _kinds(block: Block) -> Iterator[str]:
             yield "stiffness"
     if block.shows_eccentricity:
         yield "impulses" if responses is None else "orbits" if turning else "loads"
+        if responses is not None and turning and len(journals(responses.model)) == 1:
+            yield "orbits of one journal"
     if isinstance(block, OperatingSpectra):
         yield "spectra"
     if block.forced_lines:
@@ -101,7 +104,7 @@ FIGURES: tuple[ReportFigure, ...] = (
         "Nonlinear dynamic stiffness",
         "nonlinear_stiffness",
         "Nonlinear minus linear dynamic stiffness at the journal. Points: measured. Lines: fit.",
-        {"orbits"},
+        {"orbits of one journal"},
     ),
     ReportFigure(
         "Static loads",

@@ -50,7 +50,7 @@ def journal_lines(fit: FitResult, *, static: bool) -> Iterator[JournalLines]:
         base = block.responses
         if base is None or base.imposed or not isinstance(block, OrbitResponses):
             continue
-        seat = block.journal
+        seat = journal(fit.model)
         rows = np.flatnonzero((base.coordinate == seat.at) & ((base.frequency[base.line] == 0) == static))
         if not rows.size:
             continue
@@ -71,7 +71,7 @@ def journal_lines(fit: FitResult, *, static: bool) -> Iterator[JournalLines]:
             position=position,
             sigma=sigma,
             eccentricity=np.abs(position) / seat.clearance,
-            fitted_eccentricity=block.orbits(theta)[line],
+            fitted_eccentricity=block.orbits(theta)[0, line],
             stiffness=stiffness,
             stiffness_sigma=sigma * np.abs(stiffness / position),
             linear=1 / h,

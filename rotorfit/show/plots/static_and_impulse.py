@@ -13,7 +13,7 @@ from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.estimators.blocks.small_motion import FreeVibrations
 from rotorfit.identify.fitting.propagation import by_values_of_causes
 from rotorfit.identify.fitting.result import FitResult
-from rotorfit.models.coefficient_tables import changing_fluid, law_curves
+from rotorfit.models.coefficient_tables import changing_fluids, law_curves
 from rotorfit.models.motion.off_centre import off_centre_eigenvalues
 from rotorfit.show.plots import style
 from rotorfit.show.plots.journal import JournalLines, drive_stiffness, half_width, journal_lines, law_series, rig_of
@@ -22,7 +22,7 @@ _POINTS = {"fmt": "o", "ms": 3.5, "elinewidth": 0.7}  # look of readings with th
 
 
 def _static(fit: FitResult) -> list[JournalLines]:
-    changing_fluid(fit.model)
+    changing_fluids(fit.model)
     found = list(journal_lines(fit, static=True))
     if not found:
         raise ValueError("this fit has no static loads with the journal's position to plot")
@@ -128,7 +128,7 @@ def plot_velocity_ratio(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     The paper reads these ratios as lam; they are eigenvalues of the rotor, drawn as solid lines, and lam itself,
     dashed with its 95 % band, may lie elsewhere.
     """
-    changing_fluid(fit.model)
+    changing_fluids(fit.model)
     blocks = [block for block in fit.problem.blocks if isinstance(block, FreeVibrations)]
     if not blocks:
         raise ValueError("this fit has no impulse tests to plot")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.fitting.structure.refine import structure_name
 from rotorfit.lab.data.rows import Experiment
-from rotorfit.models import Constant, Law
+from rotorfit.models import Constant
 from rotorfit.models.motion.equation_text import stiffness_entries, to_mathml
 from rotorfit.show.report.html import Html, element, paragraph, table
 from rotorfit.show.report.material import ReportInput
@@ -85,15 +85,18 @@ def model_section(material: ReportInput) -> Html:
     ]
     if model.shaft is not None:
         content.append(paragraph("To the entries below the condensed dynamic stiffness of the known shaft is added."))
-    law = model.options().get("law") if model.eccentricity_dependent else None
-    if isinstance(law, Law):
-        first = (type(law).__doc__ or "").partition("\n")[0].replace("``", "")
+    changing = [fluid for fluid in model.fluids if fluid.law.of_eccentricity] if "law" in model.options() else []
+    for fluid in changing:
+        first = (type(fluid.law).__doc__ or "").partition("\n")[0].replace("``", "")
         content.append(
             paragraph(
-                f"K0, D and lam below stand for functions of the journal's eccentricity eps, its displacement over the "
-                f"clearance of {plain(1e6 * float(model.clearance or np.nan), 4)} µm. {law.name} law: {first}"
+                f"{', '.join(f'{name}{fluid.ending}' for name in ('K0', 'D'))} and lam{fluid.ending} below stand for "
+                f"functions of the eccentricity eps of the journal at {fluid.plane}, its displacement over the "
+                f"clearance of {plain(1e6 * (model.clearance_at(fluid.plane) or math.nan), 4)} µm. "
+                f"{fluid.law.name} law: {first}"
             )
         )
+    if changing:
         model = model.variant(law=Constant(), clearance_um=None)
     written_out = 4  # coordinates up to which the dynamic stiffness matrix is written out
     if len(model.coordinates) > written_out:

@@ -17,7 +17,7 @@ from rotorfit.base.names import unknown_name
 from rotorfit.base.units import RAD_S_PER_RPM, RPM_PER_RAD_S, in_rad_s
 from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.models import RotorModel
-from rotorfit.models.motion.journal import journal
+from rotorfit.models.motion.journal import journals
 from rotorfit.models.motion.stability import decay_rate
 from rotorfit.studies.planning.expectation import refuse_speed
 
@@ -195,16 +195,17 @@ def _force(design: Design, model: RotorModel, theta: Float, plane: str, speed: f
         force = np.minimum(force, design.mr_g_mm * 1e-6 * w**2)
     if design.clearance_share is None:
         return force
-    clearance = model.clearance if design.clearance_um is None else design.clearance_um * 1e-6
-    if clearance is None:
-        raise ValueError("clearance_share needs clearance_um: the model knows no clearance")
-    place = model.coordinates[journal(model).at].plane if model.eccentricity_dependent else model.planes[-1]
-    at = [i for i, c in enumerate(model.coordinates) if c.plane == place and c.axis != "r"]
     unit = model.force_vector(plane, w, np.ones(w.shape))
-    # Of a fluid that changes with eccentricity, the force that keeps the journal at that eccentricity.
+    # Of fluids that change with eccentricity, the force that keeps the journals at that eccentricity.
     receptance = model.receptance(theta, w, np.full(w.shape, speed), design.clearance_share)
-    moved = np.abs(np.einsum("lij,lj->li", receptance, unit))[:, at].max(axis=1)
-    return np.asarray(np.minimum(force, design.clearance_share * clearance / moved))
+    moved = np.abs(np.einsum("lij,lj->li", receptance, unit))
+    for place in [seat.plane for seat in journals(model)] if model.eccentricity_dependent else model.planes[-1:]:
+        clearance = model.clearance_at(place) if design.clearance_um is None else design.clearance_um * 1e-6
+        if clearance is None:
+            raise ValueError("clearance_share needs clearance_um: the model knows no clearance")
+        at = [i for i, c in enumerate(model.coordinates) if c.plane == place and c.axis != "r"]
+        force = np.minimum(force, design.clearance_share * clearance / moved[:, at].max(axis=1))
+    return np.asarray(force)
 
 
 def line_times(

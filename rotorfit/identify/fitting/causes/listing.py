@@ -376,8 +376,9 @@ class _Rig:
             yield _cause(f"drift{where}", meaning, drifting, SIZES["drift"])
         if len(here) == 1:
             plane, D = model.coordinates[here[0]].plane, f"D{ending}"
-            if model.clearance and not model.eccentricity_dependent:
-                act_film = Film(name=D, at=here[0], clearance=model.clearance)
+            clearance = model.clearance_at(plane)
+            if clearance and not model.eccentricity_dependent:
+                act_film = Film(name=D, at=here[0], clearance=clearance)
                 meaning = f"growth of {D} by the square of the orbit over the clearance"
                 yield _cause(f"film{where}", meaning, act_film, SIZES["film"], positive=True)
             meaning = (

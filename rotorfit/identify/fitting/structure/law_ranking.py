@@ -256,8 +256,8 @@ def _default_laws(model: RotorModel, experiments: tuple[Experiment, ...]) -> tup
     if reach < smallest_reach:
         raise ValueError(
             f"the journal moves by at most {significant(100 * reach, 2)} % of the clearance of "
-            f"{significant(1e6 * (model.clearance or 0.0), 4)} um: so small orbits tell no law from another. Check "
-            "clearance_um and the units of the motion, or test with more force"
+            f"{significant(1e6 * (model.least_clearance or 0.0), 4)} um: so small orbits tell no law from another. "
+            "Check clearance_um and the units of the motion, or test with more force"
         )
     return (
         *laws,
