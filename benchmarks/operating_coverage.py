@@ -146,7 +146,7 @@ def rows(number: int, rig: Rig, minutes: float, seed: int) -> Iterator[Row]:
             true = own[np.argmin(-own.real / np.abs(own.imag))]
             near = min(fit.modes(speed=speed), key=lambda mode: abs(pole(mode) - true))
             found[f"decrement {name}"] = (-2 * np.pi * true.real / abs(true.imag), decrement_of(near.damping_ratio))
-    codes = " ".join(sorted({finding.code for finding in fit.notices if finding.level == "warning"}))
+    codes = " ".join(sorted({finding.code for finding in fit.notices if finding.severity == "warning"}))
     for what, (truth, quantity) in found.items():
         yield Row(
             number, rig.model.name, rig.speeds.size, rig.assumed, what, float(truth), float(quantity.value),

@@ -182,6 +182,11 @@ class Asked(Protocol):
         return self  # type: ignore[return-value]
 
     @property
+    def rougher(self) -> Block:
+        """The block with as many readings as tell where a search may begin."""
+        return self  # type: ignore[return-value]
+
+    @property
     def force_spectra(self) -> tuple[str, ...]:
         """Names of what the spectrum of a force that was not measured may be: the one that is taken, then others
         near it."""

@@ -73,6 +73,7 @@ class OperatingSpectra(Observed):
     setting: Index  # cells of one number share the spectra of force and floor, shape ``(C,)``
     coordinate: Index  # of the model, that were read, shape ``(n,)``
     shape: ForceShape = SHAPES[0]
+    untied: bool = False  # whether forces, and floors, are taken for independent, for starts
     weight: ComplexArray | None = None  # inverse of L, by predictions, shape ``(..., C, m, m)``
     found: dict[int, _Found] = field(default_factory=dict)  # spectra found last, where a search for them begins
 
@@ -232,6 +233,32 @@ class OperatingSpectra(Observed):
         matrix = unpacked(self.measured, self.m)
         return [(own, self.frequency[own] / (2 * np.pi), matrix[own]) for own in self._cells]
 
+    @property
+    def rougher(self) -> OperatingSpectra:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`: wider cells, some tens of each setting, and
+        forces independent."""
+        fewest = 80
+        parts = [cells[:: max(1, cells.size // fewest)] for cells in self._cells]
+        order, first = np.concatenate(self._cells), np.concatenate(parts)
+        at = np.flatnonzero(np.isin(order, first))
+        nu = np.add.reduceat(self.nu[order], at)
+        power = unpacked(self.measured, self.m)[order] * self.nu[order, None, None]
+        readings = (first[:, None] * (self.m**2 // 2) + np.arange(self.m**2 // 2)).reshape(-1)
+        return replace(
+            self,
+            measured=packed(np.asarray(np.add.reduceat(power, at) / nu[:, None, None], dtype=complex)),
+            sigma=np.ones(readings.size),
+            label=self.label[readings],
+            run=self.run[readings],
+            speed=self.speed[first],
+            frequency=np.add.reduceat(self.frequency[order] * self.nu[order], at) / nu,
+            degrees=nu,
+            group=self.group[first],
+            setting=self.setting[first],
+            untied=True,
+            found={},
+        )
+
     # ---- predictions -------------------------------------------------------------------------------------------------
 
     def predict(self, theta: Float) -> ComplexArray:
@@ -318,7 +345,8 @@ class OperatingSpectra(Observed):
 
     def _spectra(self, cells: Index) -> tuple[Spectrum, Spectrum]:
         """Spectra of force and floor of a setting."""
-        return spectra_of(self.shape, self.frequency[cells], len(self.model.planes), self.coordinate.size)
+        forced = len(self.model.planes)
+        return spectra_of(self.shape, self.frequency[cells], forced, self.coordinate.size, apart=self.untied)
 
     def _with_spectra(
         self, number: int, cells: Index, theta: Float, H: ComplexArray, terms: Sequence[tuple[int, ComplexArray]]
@@ -328,34 +356,41 @@ class OperatingSpectra(Observed):
         force, floor = self._spectra(cells)
         forced = np.array([self.model.coordinate(plane, "z") for plane in self.model.planes])
         read = H[:, self.coordinate][:, :, forced]
-        read_back, n = adjoint(read), self.coordinate.size
+        n = self.coordinate.size
         whole = unpacked(self.measured, self.m)[cells]
         measured = np.concatenate([whole[:, :n, :n], whole[:, n:, n:].conj()])
         nu = np.tile(self.nu[cells], 2)
 
-        def spectra(numbers: Float) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
-            own, by_own = force.values(numbers[: force.size])
-            rest, by_rest = floor.values(numbers[force.size :])
-            return read @ own @ read_back + rest, np.concatenate([read @ by_own @ read_back, by_rest]), own
+        def spectra(numbers: Float) -> ComplexArray:
+            own, rest = read @ force.root(numbers[: force.size]), floor.root(numbers[force.size :])
+            return own @ adjoint(own) + rest @ adjoint(rest)
 
-        first, lower = first_numbers(measured, read, force, floor)
+        def slopes(numbers: Float, weight: ComplexArray) -> ComplexArray:
+            own = force.slopes(numbers[: force.size], weight @ read)
+            return np.concatenate([own, floor.slopes(numbers[force.size :], weight)], axis=1)
+
+        first, bounds = first_numbers(measured, read, force, floor)
         starts = [first]
         if number in self.found:
             starts.append(self.found[number].at(theta[self.group[cells[0]]]))
-        found = most_likely(spectra, starts, lower, measured, nu)
+        found = most_likely(spectra, slopes, starts, bounds, measured, nu)
         if found is None:
             return np.full(whole.shape, complex(np.nan)), np.zeros((0, *whole.shape), dtype=complex)
         fitted, free = found
-        S, by_numbers, own = spectra(fitted)
+        S = spectra(fitted)
         by_theta = np.zeros((theta.shape[-1] if terms else 0, *S.shape), dtype=complex)
         follow = np.zeros((fitted.size, theta.shape[-1]))
         if terms:
-            R = H[:, :, forced] @ own @ read_back
+            own = force.root(fitted[: force.size])
+            R = H[:, :, forced] @ own @ adjoint(read @ own)
+            weight = inverse_root(S)
             for place, slope in terms:
                 change = -(H[:, self.coordinate] @ slope @ R)
                 by_theta[place] = change + adjoint(change)
-            follow = following(by_theta, by_numbers, free, inverse_root(S), nu)
-            by_theta -= np.tensordot(follow.T, by_numbers, 1)
+            whitened = np.swapaxes(weight @ by_theta @ adjoint(weight), 0, 1)
+            follow = following(whitened, slopes(fitted, weight), free, nu)
+            by_numbers = slopes(fitted, np.broadcast_to(np.eye(n), S.shape))
+            by_theta -= np.tensordot(follow.T, by_numbers, (1, 1))
         self.found.pop(number, None)
         if free.all():  # from a bound a search may not come back
             self.found[number] = _Found(theta=theta[self.group[cells[0]]].copy(), numbers=fitted, follow=follow)

@@ -34,6 +34,7 @@ def start_by_poles(problem: Problem, others: Sequence[Float]) -> Start:
     with_poles = replace(problem, blocks=tuple(map(_with_poles, problem.blocks)))
     begin = np.array([*(full_vector(problem, x) for x in others), *random_starts(problem, _STARTS)])
     x = short_fits(with_poles, begin).x
+    problem = replace(problem, blocks=tuple(block.rougher for block in problem.blocks))
     cost = np.array([problem.cost(end) for end in x])
     for _ in range(4):  # rotors that a mode which was not seen makes unstable: nearer to where they came from
         lost = ~np.isfinite(cost)

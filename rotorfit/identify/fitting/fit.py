@@ -223,25 +223,35 @@ def _solved(model: RotorModel, experiments: tuple[Experiment, ...], settings: Fi
                 raise
             continue
         options = Options(max_iterations=settings.max_iterations, method=settings.method)
-        solved = problem, start, solve(problem, start.x, options)
-        found.append(solved if settings.force_spectrum else _best_force_spectrum(solved, options))
+        if not settings.force_spectrum and _spectrum_of(problem):
+            problem, begin = _with_best_spectrum(problem, start.x)
+        else:
+            begin = start.x
+        found.append((problem, start, solve(problem, begin, options)))
     return found
 
 
-def _best_force_spectrum(solved: _Solved, options: Options) -> _Solved:
-    """The solution with the spectrum of least BIC of a force that was not measured: step by step to the best of those
-    near it, each tried from the best solution before."""
-    tried: set[str] = set()
+def _with_best_spectrum(problem: Problem, x: Float) -> tuple[Problem, Float]:
+    """The problem with the spectrum of least BIC of a force that was not measured, and its solution to a few digits:
+    step by step to the best of those near it, each tried from the best solution before. Spectra that are far from the
+    force need no minimum."""
+    rough = Options(max_iterations=15, tolerance=1e-3, acceptable=1e-3, method="gauss-newton", hessian="gauss-newton")
+    begin = Start(x=x, kind=EARLIER_FIT)
+
+    def tried(problem: Problem, x: Float) -> _Solved:
+        return problem, begin, solve(problem, x, rough)
+
+    seen: set[str] = set()
+    solved = tried(problem, x)
     while True:
-        problem, start, _ = best = solved
+        problem, _, _ = best = solved
         names = dict.fromkeys(name for block in problem.blocks for name in block.force_spectra)
-        for name in [name for name in names if name not in {*tried, _spectrum_of(problem)}]:
+        for name in [name for name in names if name not in {*seen, _spectrum_of(problem)}]:
             blocks = tuple(block.with_force_spectrum(name if block.force_spectra else "") for block in problem.blocks)
-            other = replace(problem, blocks=blocks)
-            best = min((best, (other, start, solve(other, best[2].x, options))), key=_bic)
+            best = min((best, tried(replace(problem, blocks=blocks), best[2].x)), key=_bic)
         if best is solved:
-            return solved
-        tried, solved = tried | set(names), best
+            return problem, solved[2].x
+        seen, solved = seen | set(names), best
 
 
 def _spectrum_of(problem: Problem) -> str:
