@@ -79,6 +79,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that these names are for users
     from rotorfit.lab.simulation.recordings import simulate_recordings as simulate_recordings
     from rotorfit.lab.simulation.simulate import simulate as simulate
     from rotorfit.lab.simulation.turbulence import Turbulence as Turbulence
+    from rotorfit.show.report.balance import write_balance_report as write_balance_report
     from rotorfit.show.report.write import write_report as write_report
     from rotorfit.studies.campaigns.campaign import Campaign as Campaign
     from rotorfit.studies.campaigns.campaign import campaign as campaign
@@ -135,6 +136,7 @@ _NAMES = {
     "lab.recordings.reduction.static_positions": "static_positions",
     "lab.recordings.rig.setup": "RigSetup",
     "studies.campaigns.campaign_report": "write_campaign_report",
+    "show.report.balance": "write_balance_report",
     "show.report.write": "write_report",
     "lab.simulation.instruments": "Instruments",
     "lab.simulation.recordings": "simulate_recordings",

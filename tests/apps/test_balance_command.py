@@ -37,7 +37,15 @@ def test_the_command_writes_tables(tmp_path: Path, capsys: pytest.CaptureFixture
     assert cli.main([*words, "--constant", "sigma_mil_pp=0.02", "--holes", "12", "--out", str(tmp_path / "out")]) == 0
     assert '"mr_g_mm": 15.3' in capsys.readouterr().out
     assert {"readings.csv", "summary.txt", "weights.csv"} <= {path.name for path in (tmp_path / "out").iterdir()}
-    assert (tmp_path / "out" / "weights.csv").read_text().startswith("plane,mr_g_mm,mr_low_g_mm")
+    table = (tmp_path / "out" / "weights.csv").read_text()
+    assert table.startswith("plane,mr_g_mm,mr_low_g_mm")
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "is expected to become" in page
+    for row in table.splitlines()[1:]:  # the page says what the table has
+        plane, amount, low, high = row.split(",")[:4]
+        assert f"{plane}, amount" in page
+        assert f"<b>{float(amount):.4g}</b>" in page
+        assert f"95 %: {float(low):.4g} to {float(high):.4g}" in page
 
 
 def test_given_weights_are_put_in_and_what_remains_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

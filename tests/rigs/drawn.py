@@ -65,8 +65,21 @@ def _is_seen(figure: Figure, text: Text) -> bool:
     return True
 
 
+def _full_markers(figure: Figure) -> Float:
+    """Places on the canvas of points that are not paler for what is not known of them, shape ``(n, 2)``."""
+    found = [np.zeros((0, 2))]
+    full = 0.8  # opacity
+    for axis in figure.axes:
+        for drawn in axis.collections:
+            if isinstance(drawn, PathCollection) and axis.get_visible():
+                places = np.asarray(drawn.get_offset_transform().transform(np.ma.getdata(drawn.get_offsets())))
+                shade = np.broadcast_to(drawn.get_facecolor(), (len(places), 4)) if len(drawn.get_facecolor()) else ()
+                found += [places[shade[:, 3] >= full]] if len(shade) else []  # type: ignore[call-overload]
+    return np.concatenate(found)
+
+
 def faults_of(figure: Figure) -> list[str]:
-    """Texts that overlap, or leave the canvas by more than a pixel."""
+    """Texts that overlap, lie on points, or leave the canvas by more than a pixel."""
     texts = texts_of(figure)
     width, height = figure.canvas.get_width_height()
     slack = 1.0
@@ -75,6 +88,10 @@ def faults_of(figure: Figure) -> list[str]:
         for text, box in texts
         if box.x0 < -slack or box.y0 < -slack or box.x1 > width + slack or box.y1 > height + slack
     ]
+    points = _full_markers(figure)
+    for text, box in texts:
+        hidden = int(((points > (box.x0, box.y0)) & (points < (box.x1, box.y1))).all(axis=1).sum())
+        said += [f"lies on {hidden} points: {text.get_text()!r}"] if hidden else []
     for (one, a), (other, b) in itertools.combinations(texts, 2):
         across = min(a.x1, b.x1) - max(a.x0, b.x0)
         along = min(a.y1, b.y1) - max(a.y0, b.y0)

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import itertools
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
-from drawn import faults_of
+from drawn import faults_of, title_of
 from plain import plain_fit
 from synthetic import circular_test, covering_frequencies
 
 import rotorfit as rf
 from rotorfit.show.plots import style
+from rotorfit.show.plots.run_up_figure import plot_levels, plot_weights
 
+SOURCE = Path(rf.__file__).parent
 LONG = ("inboard bearing, drive end", "seal of the balance piston", "outboard bearing, far end")
 SHORT = ("fwd", "aft", "mid")
 FIGURES = ("dynamic_stiffness", "bode", "polar", "residuals", "stability", "quadrature", "damping", "misfit")
@@ -36,8 +40,11 @@ def fit_of(planes: tuple[str, ...], speeds: tuple[float, ...]) -> rf.FitResult:
     return plain_fit(model, circular_test(model, theta, speeds=speeds, frequency=w, noise=0.003), known=known)
 
 
-@pytest.mark.parametrize("planes", [SHORT[:1], SHORT[:2], LONG[:2], SHORT], ids=["1", "2", "2 long", "3"])
-@pytest.mark.parametrize("count", [1, 2, 6])
+@pytest.mark.parametrize(
+    ("planes", "count"),
+    [(SHORT[:1], 1), (LONG[:1], 6), (LONG[:2], 1), (SHORT[:2], 2), (SHORT[:2], 6), (SHORT, 2), (LONG, 6)],
+    ids=["1 plane", "1 long, 6", "2 long", "2, 2 speeds", "2, 6 speeds", "3, 2 speeds", "3 long, 6 speeds"],
+)
 def test_no_two_texts_overlap_and_none_leaves_the_canvas(planes: tuple[str, ...], count: int) -> None:
     speeds = tuple(np.linspace(60.0, 180.0, count).tolist())
     fit = fit_of(planes, speeds)
@@ -45,23 +52,41 @@ def test_no_two_texts_overlap_and_none_leaves_the_canvas(planes: tuple[str, ...]
     assert {name: faults for name, faults in found.items() if faults} == {}
 
 
-def test_of_five_planes_those_at_forces_and_in_the_fluid_are_drawn() -> None:
-    planes = ("a", "b", "c", "d", "e")
+def test_of_four_planes_and_eight_modes_the_first_are_drawn_and_can_be_read() -> None:
+    """Responses at forces and in the fluid, the diagonal of the stiffness, residuals by probe; ``every`` draws all."""
+    planes = (*LONG, "coupling, motor end")
     fit = fit_of(planes, (120.0,))
-    figure = fit.plot.bode()
-    titles = [axis.get_title(loc="left") for axis in figure.axes if axis.get_title(loc="left")]
-    at_forces, in_the_fluid = {f"{p}, force at {p}" for p in planes}, {f"e, force at {p}" for p in planes}
-    assert set(titles) == at_forces | in_the_fluid
-    assert {name: faults_of(one) for name, one in {"bode": figure, "polar": fit.plot.polar()}.items()} == {
-        "bode": [],
-        "polar": [],
-    }
-    assert len(fit.plot.bode(every=True).axes) == 2 * 25
+    names = ("dynamic_stiffness", "bode", "residuals", "stability", "damping")
+    drawn = {name: getattr(fit.plot, name)() for name in names}
+    drawn["polar"] = fit.plot.polar(every=True)
+    assert {name: faults for name, one in drawn.items() if (faults := faults_of(one))} == {}
+    titles = {name: {title_of(axis).replace("\n", " ") for axis in one.axes} - {""} for name, one in drawn.items()}
+    at_forces = {f"{plane}, force at {plane}" for plane in planes}
+    assert titles["bode"] == at_forces | {f"{planes[-1]}, force at {plane}" for plane in planes}
+    assert sum(", direct" in title for title in titles["dynamic_stiffness"]) == 4
+    assert (titles["residuals"], len(titles["polar"])) == (set(planes), 16)
+    assert "4F" in [text.get_text() for text in drawn["damping"].axes[0].texts]
+
+
+def test_figures_of_balancing_and_campaigns_can_be_read() -> None:
+    test = rf.read(rf.datasets.path("field_balance.csv"), constants={"sigma_mil_pp": "0.02"})
+    found = rf.balance(rf.influence(test), "trial 2", holes=24)
+    drawn = {"vibration": found.plot(), "levels": plot_levels(found), "weights": plot_weights(found)}
+    runs = rf.campaign(rf.models.WhirlWhip(), rf.datasets.rig_lumped(), split="speed_rpm", known={"K3": 6000.0})
+    drawn["trends"] = runs.plot.trends(["K0", "D", "lam"], against="speed_rpm")
+    assert {name: faults for name, one in drawn.items() if (faults := faults_of(one))} == {}
 
 
 def test_the_budget_can_be_read() -> None:
     fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_lumped(), known={"K3": 6000.0})
     assert faults_of(fit.plot.budget()) == []
+
+
+def test_colours_stand_in_one_place() -> None:
+    literal = re.compile(r"""colors?["=:]+ ?["'](?!white|none|")|["']C\d["']|["']#[0-9A-Fa-f]{6}["']""")
+    drawing = [*(SOURCE / "show" / "plots").glob("*.py"), *(SOURCE / "studies").rglob("*figure*.py")]
+    lines = [(file.name, line) for file in drawing if file.name != "style.py" for line in file.read_text().splitlines()]
+    assert [one for one in lines if literal.search(one[1])] == []
 
 
 def lab(colour: str, matrix: np.ndarray) -> np.ndarray:

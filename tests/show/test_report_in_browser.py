@@ -98,6 +98,25 @@ def test_the_first_screen_holds_verdict_and_five_numbers(
     assert tab.complaints == []
 
 
+def test_first_screens_of_balancing_and_campaigns(browser: Browser, tmp_path: Path) -> None:
+    """Verdict, checks and numbers above the fold at the desk and on a phone; neither is scrolled sideways."""
+    test = rf.read(rf.datasets.path("field_balance.csv"), constants={"sigma_mil_pp": "0.02"})
+    balanced = rf.balance(rf.influence(test), "trial 2", holes=24)
+    runs = rf.campaign(rf.models.WhirlWhip(), rf.datasets.rig_lumped(), split="speed_rpm", known={"K3": 6000.0})
+    pages = [
+        rf.write_balance_report(balanced, tmp_path / "balance.html", source="field_balance.csv"),
+        rf.write_campaign_report(runs, tmp_path / "campaign.html", against="speed_rpm", parameters=["K0", "D", "lam"]),
+    ]
+    for page, (width, height) in itertools.product(pages, [(1280, 900), (390, 844)]):
+        tab = browser.tab(page.as_uri(), width=width, height=height)
+        tab.settle()
+        assert tab.run("document.documentElement.scrollWidth <= innerWidth")
+        shown = ".headline, .checks, .card" + (", .pair img" if width > 1000 else "")
+        ends = f"[...document.querySelectorAll('{shown}')].map(e => e.getBoundingClientRect().bottom)"
+        assert max(json.loads(tab.run(f"JSON.stringify({ends})"))) < height
+        assert tab.complaints == []
+
+
 @pytest.mark.slow
 def test_prints_to_a_pdf_of_a_few_pages(
     chromium: Callable[..., tuple[str, list[str]]], browsed: Path, tmp_path: Path

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +79,11 @@ def add_balance(to: argparse.ArgumentParser) -> None:
     option(to, "--smallest-g-mm [PLANE=]G_MM ...", words)
     words = "what remains with these, angles as force_phase_deg; in two holes of a plane: A=300@210,A=200@225"
     option(to, "--weights PLANE=G_MM@DEG,... ...", words)
-    add_output(to, "weights.csv, readings.csv, summary.txt, and of start-ups the curve over speed", figures=True)
+    add_output(
+        to,
+        "weights.csv, readings.csv, summary.txt, report.html, vibration.png, and run_up.csv of start-ups",
+        figures=True,
+    )
 
 
 @answered
@@ -94,7 +99,7 @@ def balance(options: argparse.Namespace) -> Answer:
             "weights.csv": records_csv(_weights(found)),
             "readings.csv": records_csv(_readings(found)),
             "summary.txt": f"{text}\n",
-            **_curve(test, found, options),
+            **_drawn(test, found, errors, options),
         },
         plain=lambda: {"errors": list(errors), **_plain(found)},
         warned=found.remarks,
@@ -148,14 +153,19 @@ def _given_weights(words: Sequence[str]) -> dict[str, complex] | None:
     return found or None
 
 
-def _curve(test: PerturbationTest, found: Balance, options: argparse.Namespace) -> dict[str, Any]:
-    """Table and figure of the vibration before and after: of start-ups over all their speeds."""
+def _drawn(
+    test: PerturbationTest, found: Balance, errors: Sequence[str], options: argparse.Namespace
+) -> dict[str, Any]:
+    """Report, table and figure of the vibration before and after: of start-ups over all their speeds."""
     from rotorfit.show.plots.style import picture_of
+    from rotorfit.show.report.balance import write_balance_report
 
     kind = options.figure_format
     over = run_up(test, found, options.reference) if options.speeds else found
     table = {"run_up.csv": records_csv(_readings(over))} if options.speeds else {}
-    return {**table, f"vibration.{kind}": picture_of(over.plot(), kind)}
+    curve = over if options.speeds else None
+    report = partial(write_balance_report, found, curve=curve, errors=errors, source=test.source)
+    return {**table, "report.html": report, f"vibration.{kind}": picture_of(over.plot(), kind)}
 
 
 def _by_plane(option: str, given: Sequence[str], parse: Callable[[str], Any]) -> Any:

@@ -56,7 +56,10 @@ def panels_of(
     else:
         place = {pair: divmod(i, max(columns, 2)) for i, pair in enumerate(pairs)}
     down, across = (max(where[k] for where in place.values()) + 1 for k in (0, 1))
-    figure, axes = sheet.grid(rows * down, across, title, size=size, one_abscissa=one_abscissa, reads=reads)
+    pages = max(1.0, across / 3)  # of more than three forces a page would hold no readable panel
+    figure, axes = sheet.grid(
+        rows * down, across, title, size=size, one_abscissa=one_abscissa, reads=reads, pages=pages
+    )
     for row, column in {(r, c) for r in range(down) for c in range(across)} - set(place.values()):
         for axis in axes[rows * row : rows * (row + 1), column]:
             axis.remove()
@@ -88,9 +91,18 @@ def cell_title(model: RotorModel, coordinate: int, force_plane: int) -> str:
 
 def panel_name(model: RotorModel, coordinate: int, force_plane: int) -> str:
     """Words for a probe and a force."""
+    return f"{_probe_name(model, coordinate)}, {forced_planes(model, force_plane)}"
+
+
+def probe_title(model: RotorModel, coordinate: int) -> str:
+    """Title of the panel of a probe, for matplotlib."""
+    return style.literal(_probe_name(model, coordinate))
+
+
+def _probe_name(model: RotorModel, coordinate: int) -> str:
     probe = model.coordinates[coordinate]
     reading = {"r": "tilt at ", "x": "x at ", "y": "y at "}.get(probe.axis, "")
-    return f"{reading}{probe.plane}, {forced_planes(model, force_plane)}"
+    return f"{reading}{probe.plane}"
 
 
 _RUNS_ON = (

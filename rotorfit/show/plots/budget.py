@@ -52,7 +52,7 @@ def plot_budget(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     axis.grid(visible=False)
     for place, row in enumerate(rows):
         _bar(axis, fit, place, row)
-    heads = (0.0, "noise", style.GREY), (0.3, "bounded by the data", "#2F6CA3"), (0.78, "on trust", style.SHARES[2])
+    heads = (0.0, "noise", style.GREY), (0.3, "bounded by the data", style.BOUNDED), (0.78, "on trust", style.SHARES[2])
     for at, words, colour in heads:
         axis.text(at, -0.75, words, color=colour, fontsize=style.TYPE, fontweight="bold", va="center")
     axis.annotate(

@@ -60,7 +60,7 @@ def coefficients(table: CoefficientRows, *, sheet: Sheet) -> Figure:
     names = [name[1:] for name in COEFFICIENTS if name[0] == kinds[0] and _there(table, name)]
     entries: dict[str, Any] = dict(zip(names, axes[0, 0].containers[:: len(series)], strict=True))
     if len(series) > 1:
-        looks = ({"color": "0.4", "marker": m, "ls": "", "ms": 4} for m in cycle(_MARKERS))
+        looks = ({"color": GREY, "marker": m, "ls": "", "ms": 4} for m in cycle(_MARKERS))
         entries |= dict(zip(series, looks, strict=False))
     legend_below(figure, entries)
     return figure

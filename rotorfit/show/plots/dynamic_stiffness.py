@@ -99,10 +99,13 @@ def draw_drive_point(sheet: style.Sheet, fit: FitResult, pair: tuple[Any, Any], 
 
 
 @style.on_sheet
-def plot_dynamic_stiffness(fit: FitResult, *, sheet: style.Sheet, against: str = "frequency") -> Figure:
+def plot_dynamic_stiffness(
+    fit: FitResult, *, sheet: style.Sheet, against: str = "frequency", every: bool = False
+) -> Figure:
     """Direct and quadrature dynamic stiffness against signed frequency: data by eq. (7), the fit and its 95 % band.
 
-    One row for each entry of the matrix, or, with more than two coordinates, one panel for each with both parts in it.
+    One row for each entry of the matrix, or, with three coordinates, one panel for each with both parts in it; of more
+    coordinates a row for each of the diagonal, and such panels with ``every``.
     Where not all planes were forced, and of nonlinear fluids, whose stiffness changes with the force, the drive-point
     stiffness (force over response, other planes free) takes the place of eq. (7), with one curve a force level.
     Intercept, curvature and slope of a linear model's lines are written into the panels: they are the parameters.
@@ -123,16 +126,26 @@ def plot_dynamic_stiffness(fit: FitResult, *, sheet: style.Sheet, against: str =
         entries = [(0, 0), (1, 1), (0, 1)]
     if not entries:
         raise ValueError(_NO_STIFFNESS)
+    most, drawn = 3, len(entries)  # coordinates whose matrix can be read on a page
+    reads: tuple[str, ...] = _READS
+    if full and n > most and not every:
+        entries = [entry for entry in entries if entry[0] == entry[1]]
+        reads = (*_READS, f"{len(entries)} of {drawn} entries, those on the diagonal; every=True draws all.")
     kind = "dynamic stiffness" if full else "drive-point dynamic stiffness, other planes free"
-    together = full and n > 2 and against != "square"
+    together = len(entries) == n * n > 4 and against != "square"
     rows, columns, size = (n, n, (3.6, 2.4)) if together else (len(entries), 2, (5.4, 1.7))
     title = f"{rig_of(fit)}: {kind}"
-    figure, axes = sheet.grid(rows, columns, title, size=size, one_abscissa=True, reads=() if together else _READS)
+    pages = max(1.0, columns / most)
+    reads = () if together else reads
+    figure, axes = sheet.grid(rows, columns, title, size=size, one_abscissa=True, reads=reads, pages=pages)
+    for axis in axes.flat if columns >= most else ():
+        style.few_ticks(axis.xaxis, 3)
     for place, (row, column) in enumerate(entries):
         pair = (axes[row, column],) * 2 if together else tuple(axes[place])
         _entry(sheet, fit, shown, pair, row, column, full, against)
     for number, axis in enumerate(axes[-1]):
-        axis.set_xlabel(abscissa_words(sheet, against, squared=number == 0 and not together))
+        words = abscissa_words(sheet, against, squared=number == 0 and not together)
+        axis.set_xlabel(words if columns < most else words.replace("perturbation frequency", "frequency"))
     figure.align_xlabels(axes[-1])
     point, line = {"marker": "o", "ls": "", "ms": 4}, {"lw": 1.3}
     legend: dict[str, Any] = {s.condition.name: {"color": s.condition.colour, "lw": 2} for s in shown}
@@ -311,7 +324,7 @@ def _entry(
                 left_out[number] += style.draw_points(axis, x, y, sigma, expected, marks)
     name, count = _name(fit, row, column), sum(p.kappa.size for several in points for p in several)
     if together:
-        pair[0].set_ylabel(f"{name}, {unit}")
+        style.panel_title(pair[0], f"{name}, {unit}")
         return
     for number, (axis, kind) in enumerate(zip(pair, ("direct", "quadrature"), strict=True)):
         style.panel_title(axis, f"{name}, {kind}, {unit}", pad=13)
@@ -486,12 +499,19 @@ def _mark_whirl(
     if not marked or len(marked) > _NAMED:
         return
     low, high = axis.get_xlim()
-    for number, (at, text, colour) in enumerate(sorted(marked)):
-        # Below and at the right of lines that rise nothing else is drawn.
+    points = np.concatenate([np.zeros((0, 2)), *(np.asarray(drawn.get_offsets()) for drawn in axis.collections)])
+    across, up = (axis.transData + axis.transAxes.inverted()).transform(points).T
+    letter = 0.6 * style.SMALL_TYPE / 72 * axis.figure.figure.dpi / axis.bbox.width  # of the axis
+    levels = np.arange(0.07, 1.0, 0.14).tolist()  # heights, from below: right of lines that rise nothing is drawn
+    for at, text, colour in sorted(marked):
+        side, begin = ("right", -1) if at > low + 0.75 * (high - low) else ("left", 0)
+        left = (at - low) / (high - low) + begin * letter * len(text)
+        inside = (across > left) & (across < left + letter * len(text))
+        hidden = [int((inside & (np.abs(up - level) < 0.07)).sum()) for level in levels]
+        height = levels.pop(int(np.argmin(hidden)))
         axis.annotate(
-            text, (at, 0), (at, 0.07 + 0.14 * number), textcoords=("data", "axes fraction"),
-            ha="right" if at > low + 0.75 * (high - low) else "left", va="center", fontsize=style.SMALL_TYPE,
-            color=colour, zorder=6, path_effects=style.halo(),
+            text, (at, 0), (at, height), textcoords=("data", "axes fraction"), ha=side, va="center",
+            fontsize=style.SMALL_TYPE, color=colour, zorder=6, path_effects=style.halo(),
             arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.7, "shrinkB": 3, "relpos": (0, 1)},
         )  # fmt: skip
 

@@ -107,7 +107,7 @@ def plot_nonlinear_stiffness(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     for row, part in enumerate(("direct", "quadrature")):
         axes[row, 0].set_ylabel(f"{part}, {unit}")
         for axis in axes[row]:
-            axis.axhline(0, color="0.6", lw=0.7, zorder=1)
+            axis.axhline(0, color=style.AXES, lw=0.7, zorder=1)
     axes[1, 0].set_xlabel(f"perturbation frequency, {sheet.rate_unit} (backward < 0 < forward)")
     axes[1, 1].set_xlabel("eccentricity of the journal over clearance")
     looks = {"data ± 1 sd minus linear model": {"ls": "", "marker": "o", "ms": 3}, "the fitted law": {"lw": 1.2}}

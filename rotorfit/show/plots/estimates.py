@@ -78,11 +78,13 @@ def plot_prediction(prediction: Any, *, sheet: style.Sheet) -> Figure:
             continue
         words = f"{significant(100 * prediction.level, 4)} % band of {label}, {what}"
         low, high = band.amplitude[order].T * scale
-        amplitude.fill_between(x, np.maximum(low, floor), high, color="C0", alpha=shade, lw=0, label=words)
+        amplitude.fill_between(x, np.maximum(low, floor), high, color=style.COLOURS[0], alpha=shade, lw=0, label=words)
         half = np.diff(band.phase[order], axis=1)[:, 0] / 2
-        phase.fill_between(x, np.rad2deg(angle - half), np.rad2deg(angle + half), color="C0", alpha=shade, lw=0)
-    amplitude.plot(x, size, "-", lw=1.2, color="C0", label="predicted")
-    phase.plot(x, np.rad2deg(angle), "-", lw=1.2, color="C0")
+        phase.fill_between(
+            x, np.rad2deg(angle - half), np.rad2deg(angle + half), color=style.COLOURS[0], alpha=shade, lw=0
+        )
+    amplitude.plot(x, size, "-", lw=1.2, color=style.COLOURS[0], label="predicted")
+    phase.plot(x, np.rad2deg(angle), "-", lw=1.2, color=style.COLOURS[0])
     amplitude.set_yscale("log")
     amplitude.set_ylim(bottom=floor)
     style.decade_ticks(amplitude.yaxis)

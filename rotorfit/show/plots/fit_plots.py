@@ -37,12 +37,15 @@ class FitPlots:
         drawn: Figure = getattr(self, first)(**look)
         return drawn
 
-    def dynamic_stiffness(self, *, against: str = "frequency", **look: Unpack[PlotKeywords]) -> Figure:
+    def dynamic_stiffness(
+        self, *, against: str = "frequency", every: bool = False, **look: Unpack[PlotKeywords]
+    ) -> Figure:
         """Direct and quadrature dynamic stiffness against signed frequency, data with error bars and fit.
 
         Args:
             against: ``"frequency"``, ``"square"`` (the direct part against the square of the frequency: straight lines,
                 as in Figs 6, 25 and 36) or ``"ratio"`` (frequency over rotative speed).
+            every: of more than three planes draw the whole matrix; otherwise its diagonal.
             **look: ``ax`` and ``unit``, as for :meth:`bode`.
 
         Raises:
@@ -51,7 +54,7 @@ class FitPlots:
         Example:
             >>> fit.plot.dynamic_stiffness().savefig(folder / "stiffness.png")
         """
-        return plot_dynamic_stiffness(self._fit, against=against, **look)
+        return plot_dynamic_stiffness(self._fit, against=against, every=every, **look)
 
     def bode(
         self,

@@ -14,7 +14,7 @@ from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.observing.circular import observe
 from rotorfit.lab.observing.measured_stiffness import IsotropicPlanes, dynamic_stiffness
 from rotorfit.show.plots.dynamic_stiffness import AGAINST, abscissa_words, drive_points, places
-from rotorfit.show.plots.style import Sheet, colour_of, in_colours, legend_below, literal, on_sheet, prefix
+from rotorfit.show.plots.style import AXES, Sheet, colour_of, in_colours, legend_below, literal, on_sheet, prefix
 
 _Entry = tuple[str, Float, Float, ComplexArray, Float]
 """Name of an entry, its frequencies and speeds, rad/s, values and their noise, N/m."""
@@ -44,7 +44,7 @@ def plot_measured_stiffness(
             if middle.size:
                 low, high = float(middle.min()), float(middle.max())
                 axis.set_ylim(low - 0.15 * (high - low), high + 0.15 * (high - low) or 1.0)
-            axis.axhline(0, color="0.6", lw=0.7, zorder=1)
+            axis.axhline(0, color=AXES, lw=0.7, zorder=1)
         row[0].set_ylabel(f"{name}, {unit}")
     for number, title in enumerate(("direct", "quadrature")):
         axes[0, number].set_title(title)

@@ -28,10 +28,10 @@ def plot_stabilisation(fit: FitResult, most: int | None = None, *, sheet: style.
     axis, scale = axes[0, 0], sheet.per_rad_s
     w, size = _responses(blocks)
     back = axis.twinx()
-    back.semilogy(w * scale, size * sheet.length[0], color="0.75", lw=1)
+    back.semilogy(w * scale, size * sheet.length[0], color=style.AXES, lw=1)
     style.decade_ticks(back.yaxis)
-    back.set_ylabel(f"rms response per unit force, {sheet.length[1]}/N", color="0.5")
-    back.tick_params(labelsize=7, colors="0.5")
+    back.set_ylabel(f"rms response per unit force, {sheet.length[1]}/N", color=style.GREY)
+    back.tick_params(labelsize=7, colors=style.GREY)
     axis.set_zorder(back.get_zorder() + 1)
     axis.patch.set_visible(False)
     top = float(w.max())
@@ -45,13 +45,13 @@ def plot_stabilisation(fit: FitResult, most: int | None = None, *, sheet: style.
     for number in range(1, model.modes + 1):
         for name, parameter in fit.params.items():
             if name.startswith(f"wn{number if model.modes > 1 else ''}") and parameter.value <= top:
-                axis.axvline(parameter.value * scale, color="0.2", lw=0.8, ls="--")
+                axis.axvline(parameter.value * scale, color=style.INK, lw=0.8, ls="--")
     axis.set_xlabel(f"frequency, {sheet.rate_unit}")
     axis.set_ylabel("pairs of poles")
     entries = {
         "stable within 1 % and 5 % of damping": {"marker": "o", "color": style.colour_of(0, 2), "ls": "none"},
         "not stable": {"marker": "x", "color": style.colour_of(1, 2), "ls": "none"},
-        "fitted modes": {"color": "0.2", "ls": "--"},
+        "fitted modes": {"color": style.INK, "ls": "--"},
     }
     style.legend_below(figure, entries)
     return figure
@@ -91,7 +91,7 @@ def plot_mode_shapes(fit: FitResult, *, sheet: style.Sheet) -> Figure:
                 reach = CHANCE_ERRORS * np.where(np.isfinite(error), error, 0.0)
                 look = {"fmt": "o-" if not k else "s--", "ms": 3, "lw": 1 - 0.3 * k, "capsize": 2}
                 handles.append(axis.errorbar(places, value, reach, color=style.colour_of(k, 2), **look))
-            axis.axhline(0.0, color="0.6", lw=0.7)
+            axis.axhline(0.0, color=style.AXES, lw=0.7)
             axis.set_xticks(places, planes)
             own = [fit.params[n] for n in (f"wn{tag}_{end}", f"wn{tag}") if n in fit.params]
             axis.set_ylabel(f"mode {row + 1}{f' {end}' if end else ''}, {sheet.rate_words(own[0].value)}")

@@ -117,7 +117,7 @@ def plot_centreline(lines: Sequence[Centreline], name: str, *, sheet: style.Shee
         values, label = (
             (np.abs(line.speed) * sheet.per_rad_s, f"speed, {sheet.rate_unit}") if by_speed else (line.t, "time, s")
         )
-        axis.plot(z.real, z.imag, color="0.8", linewidth=0.7, zorder=1)
+        axis.plot(z.real, z.imag, color=style.GRID, linewidth=0.7, zorder=1)
         drawn = axis.scatter(z.real, z.imag, c=values, s=9, cmap="viridis", zorder=2)
         look = {"color": style.COLOURS[1], "markersize": 6, "markerfacecolor": "none", "linestyle": ""}
         handles["start"] = axis.plot(z[0].real, z[0].imag, marker="s", **look)[0]
@@ -211,7 +211,7 @@ def plot_polar(vectors: OrderVectors, name: str, *, sheet: style.Sheet) -> Figur
         axis.tick_params(labelsize=7)
         axis.yaxis.set_major_locator(MaxNLocator(nbins=4, steps=[1, 2, 2.5, 5, 10]))
         axis.set_rlabel_position(_clear_direction(values))
-        axis.grid(color="0.85", linewidth=0.6)
+        axis.grid(color=style.GRID, linewidth=0.6)
     return figure
 
 
@@ -316,7 +316,7 @@ def plot_cascade(
     bar = float(f"{amplitude.max(initial=1e-9) / 2:.1g}")
     right = 0.96 * edge
     foot = position.max() + 5.5 * spacing  # above the labels of the lines
-    axis.plot([right, right], [foot, foot + bar * height], color="black", zorder=999)
+    axis.plot([right, right], [foot, foot + bar * height], color=style.INK, zorder=999)
     axis.text(right - 0.025 * edge, foot, f"{bar:g} {sheet.amplitude_unit()}", fontsize=8, ha="right", zorder=999)
     return figure
 
@@ -343,7 +343,7 @@ def draw_order_line(axis: Any, label: str, at: Float, position: Float, edge: flo
     shown = np.flatnonzero(np.isfinite(at))
     if not shown.size:
         return
-    colour = style.COLOURS[1] if "w" in label else "0.35"
+    colour = style.COLOURS[1] if "w" in label else style.GREY
     axis.plot(at, position, color=colour, linewidth=0.8, linestyle="--", zorder=998, alpha=0.7)
     at_edge = 0.93 * edge  # beyond it a label would reach out of the axes
     place = (float(np.clip(at[shown[-1]], -0.99 * edge, 0.99 * edge)), float(position[shown[-1]]))
@@ -359,7 +359,7 @@ def plot_speed(tracks: Sequence[SpeedTrack], name: str, *, sheet: style.Sheet) -
     for column, each in enumerate(tracks):
         top, bottom = axes[:, column]
         colour = style.COLOURS[column % len(style.COLOURS)]
-        look = {"color": "0.75", "markersize": 2, "rasterized": True}
+        look = {"color": style.AXES, "markersize": 2, "rasterized": True}
         top.plot(each.raw_t, each.raw_speed * sheet.per_rad_s, ".", label="from pulse to pulse", **look)
         top.plot(each.t, each.speed * sheet.per_rad_s, color=colour, linewidth=1, label="smoothed")
         top.set_title(each.mark)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import cycle
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
-from rotorfit.base.array_types import ComplexArray
+from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.digits import significant
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.experiments import PerturbationTest
@@ -20,6 +21,7 @@ from rotorfit.show.plots.bode import (
     condition_legend,
     frequency_label,
     panels_of,
+    probe_title,
     response_unit,
     short_label,
 )
@@ -41,11 +43,13 @@ from rotorfit.show.plots.style import (
     shades,
     square_axis,
 )
-from rotorfit.show.plots.sweeps import SweepCondition, SweepCurve, curves, joined, leading, measured_curves
+from rotorfit.show.plots.sweeps import MOST_PANELS, SweepCondition, SweepCurve, curves, joined, leading, measured_curves
 
 _TURNING = "Angle: motion ahead of the force, counted in the direction of rotation, 0° to the right."
 _LEADING = "Angle: lead of the probe over a force along it, 0° to the right."
 _POLAR = "Circles with numbers: frequency of the force, {}. Each panel is cut to its curve; + is zero."
+_BESIDE = 0.08
+"""Inches beside the panels of polar plots, which have no labels there."""
 _RESIDUALS = (
     "Points: real part, crosses: imaginary part. Noise alone leaves 95 % of them between the dashed lines at 2 and −2.",
 )
@@ -84,13 +88,14 @@ def _polar(
     few, several = 2, 6  # pairs beside one another, and pairs from which there are three
     across = len(ways) * (min(len(pairs), few) if len(pairs) <= several else 3)
     rows = -(-len(pairs) * len(ways) // across)
-    side = PAGE[0] / max(across, 2)
+    pages = max(1.0, len({force for _, force in pairs}) / 3)
+    side = pages * PAGE[0] / max(across, 2)
     signed = all(c.signed for c in found)
     reads = (_TURNING if signed else _LEADING, _POLAR.format(sheet.rate_unit), *left_out)
-    lines = max(len(lines_within(cell_title(model, *pair), 0.98 * side, TYPE)) for pair in pairs)
+    lines = max(len(lines_within(cell_title(model, *pair), side - _BESIDE, TYPE)) for pair in pairs)
     words = 0.35 + 0.2 * max(lines - 2, 0) + 0.2 * (across > 4)  # inches of those about a panel
     above = 0.45  # of those above and below all panels
-    figure, axes = sheet.grid(rows, across, title, size=(side, side + words + above / rows), reads=reads)
+    figure, axes = sheet.grid(rows, across, title, size=(side, side + words + above / rows), reads=reads, pages=pages)
     places = dict(zip([(*pair, way) for pair in pairs for way in ways], axes.flat, strict=False))
     for axis in {*axes.flat} - {places[panel] for panel in panels}:
         axis.remove()
@@ -98,7 +103,7 @@ def _polar(
         own = [c for c in found if (c.coordinate, c.force_plane, _is_forward(c)) == panel]
         factor, unit = response_unit(sheet, model, panel[0], found)
         way = (("forward" if panel[2] else "backward") + ("\n" if across > 4 else ", ")) if len(ways) > 1 else ""
-        panel_title(places[panel], cell_title(model, *panel[:2]), share=0.98)
+        panel_title(places[panel], cell_title(model, *panel[:2]), beside=_BESIDE)
         _draw_polar(sheet, places[panel], own, factor, signed=signed)
         places[panel].set_xlabel(f"{way}ring {_draw_rings(places[panel])} {unit}", fontsize=SMALL_TYPE)
     condition_legend(figure, conditions, line)
@@ -167,6 +172,7 @@ def _mark_frequencies(sheet: Sheet, axis: Any, found: Sequence[SweepCurve], line
     every = np.concatenate([line[np.isfinite(line)] for line in lines])
     cell = 0.02 * reach  # places nearer than this count once
     drawn = np.asarray(np.unique(np.round(every / cell)) * cell, dtype=complex)
+    points = _shown_points(axis)
     for rpm in sorted(steps[steps != 0].tolist(), key=abs):  # each frequency of all curves before the next
         for curve, line in zip(found, lines, strict=True):
             x = curve.fine * sheet.per_rad_s
@@ -174,7 +180,7 @@ def _mark_frequencies(sheet: Sheet, axis: Any, found: Sequence[SweepCurve], line
             if not x[0] <= rpm <= x[-1] or any(abs(z - other) <= apart * reach for other in placed):
                 continue
             words = significant(abs(rpm), 4)
-            corner = _clear_corner(axis, z, len(words), drawn, taken)
+            corner = _clear_corner(axis, z, len(words), drawn, taken, points)
             if corner is None:
                 continue
             (right, up), box = corner
@@ -188,11 +194,16 @@ def _mark_frequencies(sheet: Sheet, axis: Any, found: Sequence[SweepCurve], line
             )  # fmt: skip
 
 
+def _shown_points(axis: Any) -> Float:
+    """Places of the readings in a panel, shape ``(n, 2)``."""
+    return np.concatenate([np.asarray(drawn.get_offsets()) for drawn in axis.collections])
+
+
 def _clear_corner(
-    axis: Any, z: complex, letters: int, drawn: ComplexArray, taken: Sequence[Bbox]
+    axis: Any, z: complex, letters: int, drawn: ComplexArray, taken: Sequence[Bbox], points: Float
 ) -> tuple[tuple[int, int], Bbox] | None:
-    """Corner of a point in which its number hides least of what is drawn, and its room there; None where all are
-    outside of the axes or taken by other numbers."""
+    """Corner of a point in which its number hides least of the lines, and its room there; None where all are outside
+    of the axes, or taken by other numbers or readings."""
     smaller = 0.85  # of the room of the axes, what labels of ticks and equal scales leave
     room = smaller * min(axis.bbox.width, axis.bbox.height) / axis.figure.dpi * 72  # points
     point = axis.viewLim.width / room  # of type, in units of the data
@@ -201,7 +212,7 @@ def _clear_corner(
     for corner in ((1, 1), (-1, 1), (1, -1), (-1, -1)):
         x, y = z.real + corner[0] * width, z.imag + corner[1] * height
         box = Bbox([[min(x, z.real), min(y, z.imag)], [max(x, z.real), max(y, z.imag)]])
-        if axis.viewLim.contains(x, y) and not box.count_overlaps(taken):
+        if axis.viewLim.contains(x, y) and not box.count_overlaps(taken) and not box.count_contains(points):
             hidden = box.count_contains(np.column_stack([drawn.real, drawn.imag]))
             free.append((hidden, corner, box))
     return min(free, key=lambda one: one[0])[1:] if free else None
@@ -209,18 +220,24 @@ def _clear_corner(
 
 @on_sheet
 def plot_residuals(fit: FitResult, *, sheet: Sheet) -> Figure:
-    """Residuals over their noise against frequency, with lines at two standard deviations, a panel a response."""
+    """Residuals over their noise against frequency, with lines at two standard deviations.
+
+    A panel a response, or of more than nine responses a panel a probe, with those to all forces.
+    """
     conditions, found = curves(fit, sheet)
     title = f"{rig_of(fit)}: residuals over noise, redchi {significant(fit.redchi, 3)}"
-    figure, panels, bottom = panels_of(sheet, found, title, rows=1, size=(5.2, 1.6), reads=_RESIDUALS)
-    for curve in joined(found):
+    by_probe = len({(c.coordinate, c.force_plane) for c in found}) > MOST_PANELS
+    reads = (*_RESIDUALS, "Each panel holds one probe under all forces.") if by_probe else _RESIDUALS
+    shown = [replace(c, force_plane=c.coordinate) for c in found] if by_probe else found
+    figure, panels, bottom = panels_of(sheet, shown, title, rows=1, size=(5.2, 1.6), reads=reads)
+    for curve in (replace(c, force_plane=c.coordinate) if by_probe else c for c in joined(found)):
         (axis,) = panels[curve.coordinate, curve.force_plane]
         x, look = curve.frequency * sheet.per_rad_s, {"color": curve.condition.colour, "alpha": 0.7}
         axis.plot(x, curve.whitened.real, curve.condition.marker, ms=2.4, mew=0, **look)
         axis.plot(x, curve.whitened.imag, "x", ms=2.4, mew=0.6, **look)
     largest = max(3.5, 1.05 * max(float(np.abs(c.whitened.view(float)).max(initial=0.0)) for c in found))
     for pair, (axis,) in panels.items():
-        panel_title(axis, cell_title(fit.model, *pair))
+        panel_title(axis, probe_title(fit.model, pair[0]) if by_probe else cell_title(fit.model, *pair))
         axis.set(ylabel="residual / noise", ylim=(-largest, largest))
         for level in (-2, 2):
             axis.axhline(level, color=GREY, lw=0.9, ls=(0, (4, 2)), zorder=1)

@@ -80,7 +80,7 @@ def plot_lines(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     }
     if any(np.isnan(c.speed) for c in curves):
         entries["measured ± σ, start-up"] = point
-    style.legend_below(figure, entries | {"fit": {"color": "black", "lw": 0.9}})
+    style.legend_below(figure, entries | {"fit": {"color": style.INK, "lw": 0.9}})
     return figure
 
 
@@ -161,11 +161,11 @@ def _draw(sheet: style.Sheet, size: Any, phase: Any, curve: _Curve, factor: floa
     drawn_as = {"color": colour, "ms": 2.2, "lw": 0, "elinewidth": 0.5, "fmt": "o", "alpha": 0.7}
     size.errorbar(rpm, np.abs(curve.measured) * factor, curve.sigma * factor, **drawn_as)
     fine = curve.fine * sheet.per_rad_s
-    size.plot(fine, np.abs(curve.line_fitted) * factor, color="black", lw=0.9, zorder=3)
+    size.plot(fine, np.abs(curve.line_fitted) * factor, color=style.INK, lw=0.9, zorder=3)
     sure = curve.sigma < np.abs(curve.fitted)  # a reading with a larger error has no phase worth showing
     error = np.degrees(curve.sigma / np.abs(curve.fitted))
     phase.errorbar(rpm[sure], np.degrees(np.angle(curve.measured[sure])), error[sure], **drawn_as)
-    phase.plot(fine, broken_phase(curve.line_fitted), color="black", lw=0.9, zorder=3)
+    phase.plot(fine, broken_phase(curve.line_fitted), color=style.INK, lw=0.9, zorder=3)
 
 
 def turning_stability(sheet: style.Sheet, fit: FitResult) -> Figure:
@@ -189,7 +189,7 @@ def turning_stability(sheet: style.Sheet, fit: FitResult) -> Figure:
     growth.set_ylabel("growth rate, 1/s")
     ahead = np.concatenate([s.imag + speeds[:, None], speeds[:, None] - s.imag], axis=1)
     whirl.plot(rpm, np.sort(ahead, axis=1) * sheet.per_rad_s, ".", color=style.COLOURS[0], ms=1.2)
-    whirl.plot(rpm, rpm, "--", color="0.6", lw=0.9)
+    whirl.plot(rpm, rpm, "--", color=style.AXES, lw=0.9)
     whirl.set_ylabel(f"frequencies of free motion, {sheet.rate_unit}")
     for axis in axes[0]:
         axis.set_xlabel(f"rotative speed, {sheet.rate_unit}")
@@ -200,8 +200,8 @@ def turning_stability(sheet: style.Sheet, fit: FitResult) -> Figure:
     ranges = ", ".join(f"{low * sheet.per_rad_s:.0f} to {sheet.rate_words(high)}" for low, high in bands)
     entries: dict[str, Any] = {
         "lateral modes and their images": {"color": style.COLOURS[0], "lw": 1.3},
-        "1×: frequency = speed": {"color": "0.6", "lw": 0.9, "ls": "--"},
-        "tested speed": {"color": "black", "marker": "^", "ls": ""},
+        "1×: frequency = speed": {"color": style.AXES, "lw": 0.9, "ls": "--"},
+        "tested speed": {"color": style.INK, "marker": "^", "ls": ""},
     }
     style.legend_below(
         figure, entries | ({f"unstable, {ranges}": Patch(color=style.CRITICAL, alpha=0.2)} if bands else {})
@@ -212,5 +212,5 @@ def turning_stability(sheet: style.Sheet, fit: FitResult) -> Figure:
 def mark_speeds(sheet: style.Sheet, axis: Any, speeds: Iterable[float]) -> None:
     """A triangle on the speed axis at each tested speed."""
     for speed in speeds:
-        marker = {"marker": "^", "color": "black", "ms": 5, "clip_on": False}
+        marker = {"marker": "^", "color": style.INK, "ms": 5, "clip_on": False}
         axis.plot(speed * sheet.per_rad_s, 0.0, transform=axis.get_xaxis_transform(), **marker)

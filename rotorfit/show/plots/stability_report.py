@@ -50,15 +50,15 @@ def _clipped(values: Float) -> Float:
 def _running(sheet: style.Sheet, report: StabilityReport, axis: Any) -> None:
     low, high = (sheet.per_rad_s * speed for speed in report.running)
     if low < high:
-        axis.axvspan(low, high, color="0.5", alpha=0.15, lw=0, label="running speeds")
+        axis.axvspan(low, high, color=style.GREY, alpha=0.15, lw=0, label="running speeds")
     else:
-        axis.axvline(high, color="0.4", lw=0.9, ls="--", label="running speed")
+        axis.axvline(high, color=style.GREY, lw=0.9, ls="--", label="running speed")
 
 
 def _limit(report: StabilityReport, axis: Any) -> None:
     asked = report.criteria[0].limit
-    axis.axhline(asked, color="C3", lw=0.9, ls=":", label=f"limit {asked:g}")
-    axis.axhline(0.0, color="0.2", lw=0.7)
+    axis.axhline(asked, color=style.CRITICAL, lw=0.9, ls=":", label=f"limit {asked:g}")
+    axis.axhline(0.0, color=style.INK, lw=0.7)
 
 
 def _decrements(sheet: style.Sheet, report: StabilityReport, axis: Any) -> None:
@@ -105,6 +105,6 @@ def _coupling(_: style.Sheet, report: StabilityReport, axis: Any) -> None:
 def _sensitivity(sheet: style.Sheet, report: StabilityReport, axis: Any) -> None:
     _draw(axis, report.sensitivity, sheet.per_rad_s, 1.0, first=len(report.decrement) + 2)
     limit = next(c.limit for c in report.criteria if c.source == SENSITIVITY)
-    axis.axhline(limit, color="C3", lw=0.9, ls=":", label=f"limit {limit:g}")
+    axis.axhline(limit, color=style.CRITICAL, lw=0.9, ls=":", label=f"limit {limit:g}")
     axis.set_ylim(0.0, None)
     axis.set(xlabel=f"frequency, {sheet.rate_unit}", ylabel="sensitivity")

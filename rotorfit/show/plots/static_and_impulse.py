@@ -69,7 +69,7 @@ def plot_static_locus(fit: FitResult, *, sheet: style.Sheet) -> Figure:
             locus = -1j * eps * np.abs(kappa) / kappa
             axis.plot(locus.real, locus.imag, "-", color=colour, lw=1.3)
     for radius in (0.25, 0.5, 0.75, 1.0):
-        axis.add_patch(Circle((0, 0), radius, fill=False, color="0.4" if radius == 1 else "0.85", lw=1.0))
+        axis.add_patch(Circle((0, 0), radius, fill=False, color=style.GREY if radius == 1 else style.GRID, lw=1.0))
         axis.text(0, radius, f"{radius:g}", fontsize=7, color=style.GREY, ha="center", va="bottom")
     axis.annotate("", (0, -1.2), (0, -1.03), arrowprops={"arrowstyle": "-|>", "color": style.GREY})
     axis.text(0.04, -1.14, "load", fontsize=8, color=style.GREY)

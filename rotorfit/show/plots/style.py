@@ -11,6 +11,7 @@ from io import BytesIO
 from typing import Any, NamedTuple, cast
 
 import numpy as np
+from cycler import cycler
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgba_array
@@ -19,6 +20,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.ticker import Locator, LogFormatter, LogLocator, MaxNLocator
 from PIL import Image
+from scipy.optimize import isotonic_regression
 
 from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.digits import significant
@@ -37,6 +39,10 @@ CRITICAL = "#B23A0C"
 """Of what becomes unstable, its threshold, and a limit."""
 SHARES = ("#CBD5DC", "#78AEDA", "#B23A0C")
 """Of an error: noise, bounded by the data, on trust."""
+BOUNDED = "#2F6CA3"
+"""Of words about what is bounded by the data, whose bar is too pale for type."""
+REGIONS = ("#D3DFEA", "#85A7C4")
+"""Of regions of a posterior: outer, inner."""
 INK, GREY, AXES, GRID, UNSTABLE = "#1F2933", "#667784", "#8A98A4", "#DDE3E8", "#FBE9E2"
 """Of text, second text, axes, the grid, and the half of a panel where motion grows."""
 PHASE_LABEL = "phase lead of the probe, deg"
@@ -50,7 +56,7 @@ _SETTINGS: Any = {
     "axes.titlelocation": "left", "axes.titleweight": "bold", "axes.titlepad": 5,
     "text.color": INK, "axes.labelcolor": INK, "xtick.labelcolor": INK, "ytick.labelcolor": INK,
     "axes.edgecolor": AXES, "xtick.color": AXES, "ytick.color": AXES, "axes.linewidth": 0.7,
-    "xtick.major.size": 3, "ytick.major.size": 3, "lines.linewidth": 1.5,
+    "axes.prop_cycle": cycler(color=COLOURS), "xtick.major.size": 3, "ytick.major.size": 3, "lines.linewidth": 1.5,
 }  # fmt: skip
 """matplotlib's settings while a figure is drawn."""
 BAND = 0.25
@@ -128,8 +134,10 @@ class Sheet:
         one_abscissa: bool = False,
         projection: str | None = None,
         reads: Sequence[str] = (),
+        pages: float = 1.0,
     ) -> tuple[Figure, Any]:
-        """An empty figure of axes, shape ``(rows, columns)``; ``reads``: lines on how to read it, below the title."""
+        """An empty figure of axes, shape ``(rows, columns)``, at most so many pages wide, and the square of them high;
+        ``reads``: lines on how to read it, below the title."""
         share: Any = "col" if one_abscissa else "none"
         given = self.ax
         drawn_on = given is not None and not isinstance(given, FigureBase)
@@ -140,7 +148,9 @@ class Sheet:
             axes = panels.reshape(rows, columns)
             figure = axes[0, 0].figure
         else:
-            figure = _room(given, min(size[0] * columns, PAGE[0]), min(size[1] * rows + 0.5, PAGE[1]))
+            figure = _room(
+                given, min(size[0] * columns, pages * PAGE[0]), min(size[1] * rows + 0.5, pages**2 * PAGE[1])
+            )
             kind = {"projection": projection}
             axes = figure.subplots(rows, columns, squeeze=False, sharex=share, subplot_kw=kind)
         if title and given is None:
@@ -203,12 +213,12 @@ def lines_within(words: str, width: float, size: float) -> list[str]:
     return textwrap.wrap(words, max(int(0.98 * width * 72 / (0.62 * size)), 10), break_long_words=False) or [""]
 
 
-def panel_title(axis: Any, words: str, *, share: float = 0.88, **look: Any) -> None:
-    """The title of a panel, in lines that a share of its column of the figure holds."""
+def panel_title(axis: Any, words: str, *, beside: float = 0.42, **look: Any) -> None:
+    """The title of a panel, in lines that its column of the figure holds, without the inches ``beside`` for labels."""
     place = axis.get_subplotspec()
     columns = 1 if place is None else place.get_gridspec().ncols
     width = axis.figure.bbox.width / axis.figure.figure.dpi / columns
-    axis.set_title("\n".join(lines_within(words, share * width, TYPE)), **look)
+    axis.set_title("\n".join(lines_within(words, width - beside, TYPE)), **look)
 
 
 PLAIN = Sheet()
@@ -328,17 +338,23 @@ def end_labels(
     height = axis.bbox.height / axis.figure.figure.dpi * 0.5  # the layout is not made yet
     apart = 1.2 * SMALL_TYPE / 72 / height
     places = np.array([np.clip(to_axis.transform((axis.get_xlim()[1], value))[1], 0.02, 0.98) for _, value, _ in shown])
-    order = np.argsort(places)
-    moved = places[order].copy()
-    for k in range(1, moved.size):  # upwards, then back down from the top
-        moved[k] = max(moved[k], moved[k - 1] + apart)
-    moved[-1] = min(moved[-1], 1.0 + apart / 2)
-    for k in range(moved.size - 2, -1, -1):
-        moved[k] = min(moved[k], moved[k + 1] - apart)
+    order, steps = np.argsort(places), apart * np.arange(places.size)
+    moved = steps + np.clip(isotonic_regression(places[order] - steps).x, 0.02, max(1.0 - steps[-1], 0.02))
     for place, which in zip(moved.tolist(), order.tolist(), strict=True):
         words, _, colour = shown[which]
+        own = float(places[which])
+        away = abs(place - own) > apart / 2
+        lead = {
+            "arrowstyle": "-",
+            "color": colour,
+            "lw": 0.6,
+            "shrinkA": 1,
+            "shrinkB": 0,
+            "relpos": (float(inside), 0.5),
+        }
         axis.annotate(
-            words, (1, place), (-3 if inside else 4, 0), xycoords="axes fraction", textcoords="offset points",
+            words, (1, own), ((-1 if inside else 1) * (12 if away else 4), (place - own) * height * 72),
+            xycoords="axes fraction", textcoords="offset points", arrowprops=lead if away else None,
             va="center", ha="right" if inside else "left", fontsize=SMALL_TYPE, fontweight=weight, color=colour,
             annotation_clip=False, path_effects=halo(), zorder=6,
         )  # fmt: skip

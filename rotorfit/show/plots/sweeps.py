@@ -221,16 +221,19 @@ def joined(found: Sequence[SweepCurve]) -> list[SweepCurve]:
     return whole
 
 
+MOST_PANELS = 9
+"""Responses of which each has a panel on a page."""
+
+
 def leading(
     model: RotorModel, found: Sequence[SweepCurve], *, every: bool
 ) -> tuple[Sequence[SweepCurve], tuple[str, ...]]:
     """Of more responses than a page shows those of planes to forces at themselves, and of planes in the fluid to all;
     and words on what is left out."""
-    most = 9  # panels that can be read on a page
     count = len({(c.coordinate, c.force_plane) for c in found})
     wet = {fluid.plane for fluid in getattr(model, "fluids", ())}
     first = [c for c in found if c.coordinate == c.force_plane or model.coordinates[c.coordinate].plane in wet]
-    if every or count <= most or not first:
+    if every or count <= MOST_PANELS or not first:
         return found, ()
     drawn = len({(c.coordinate, c.force_plane) for c in first})
     return first, (f"{drawn} of {count} responses, those at forces and in the fluid; every=True draws all.",)

@@ -55,7 +55,7 @@ def plot_twist(
     for key, at in lines.items():
         draw_order_line(cascade, key, np.where(at <= edge, at, np.nan), position, edge)
     for key, mark in marks.items():
-        cascade.axvline(mark / (2 * np.pi), color="black", lw=0.9, ls=":", zorder=998)
+        cascade.axvline(mark / (2 * np.pi), color=style.INK, lw=0.9, ls=":", zorder=998)
         look = {"fontsize": 8, "ha": "center", "va": "bottom", "xycoords": cascade.get_xaxis_transform()}
         cascade.annotate(style.literal(key), (mark / (2 * np.pi), 1.0), **look)
     cascade.set_xlabel("frequency, Hz")

@@ -17,7 +17,18 @@ from rotorfit.identify.uncertainty.posterior import Posterior
 from rotorfit.models.parameters import bare_name
 from rotorfit.show.plots.figure_keywords import PlotKeywords
 from rotorfit.show.plots.journal import rig_of
-from rotorfit.show.plots.style import COLOURS, CRITICAL, PAGE, SMALL_TYPE, TYPE, Sheet, few_ticks, literal, on_sheet
+from rotorfit.show.plots.style import (
+    COLOURS,
+    CRITICAL,
+    PAGE,
+    REGIONS,
+    SMALL_TYPE,
+    TYPE,
+    Sheet,
+    few_ticks,
+    literal,
+    on_sheet,
+)
 
 _LABEL = SMALL_TYPE
 _FLUID = ("D", "lam", "lam_D", "lam_M", "Mf", "K0")
@@ -141,7 +152,7 @@ def _density(axis: Any, x: Float, y: Float) -> None:
     outer, inner = (float(order[np.searchsorted(mass, level)]) for level in (0.95, 0.68))
     centres = (xe[1:] + xe[:-1]) / 2, (ye[1:] + ye[:-1]) / 2
     if 0 < outer < inner < order[0]:
-        axis.contourf(*centres, counts.T, levels=[outer, inner, order[0]], colors=("#D3DFEA", "#85A7C4"))
+        axis.contourf(*centres, counts.T, levels=[outer, inner, order[0]], colors=REGIONS)
         axis.contour(*centres, counts.T, levels=[outer, inner], colors=COLOURS[0], linewidths=0.8)
 
 

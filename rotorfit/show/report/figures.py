@@ -74,6 +74,21 @@ def embedded(
     return picture(png, words, figure.get_figwidth(), words if caption is None else caption)
 
 
+def whole_matrices(material: ReportInput) -> Iterator[tuple[str, bytes]]:
+    """Files with all responses and the whole stiffness matrix, of a fit whose report shows a part of them."""
+    fit = material.fit
+    shown = [name for name in ("dynamic_stiffness", "bode", "polar") if name in material.pictures]
+    if not shown:
+        return
+    from rotorfit.show.plots.style import picture_of
+    from rotorfit.show.plots.sweeps import MOST_PANELS, curves
+
+    if len({(c.coordinate, c.force_plane) for c in curves(fit)[1]}) <= MOST_PANELS:
+        return
+    for name in shown:
+        yield f"{name}_all", picture_of(getattr(fit.plot, name)(every=True), material.figure_format)
+
+
 def _quality(fit: FitResult) -> Iterator[Html]:
     from rotorfit.show.report.verdict import misfit_words
 

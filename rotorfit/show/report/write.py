@@ -62,7 +62,8 @@ def write_report(
         operating_speed: speed, rad/s, to which the stability margin refers beside the tested speeds.
         operating_speed_rpm: the same in rpm.
         title: heading of the report.
-        figures: folder that is there, to which the figures are also written, each as a file.
+        figures: folder that is there, to which the figures are also written, each as a file; of responses that are
+            too many for a page, all of them too.
         figure_format: of these files: png, pdf or svg; none leaves figures out of the report too.
         recordings: what the experiments were reduced from, to be shown with what was done to them.
         turns: as :func:`rotorfit.responses` was given it.
@@ -107,7 +108,9 @@ def write_report(
     _check(material)
     text = document(material, title or title_of(fit))
     if figures is not None:
-        for name, png in material.pictures.items():
+        from rotorfit.show.report.figures import whole_matrices
+
+        for name, png in (*material.pictures.items(), *whole_matrices(material)):
             write_whole(Path(figures) / f"{name}.{figure_format}", png)
     return write_whole(Path(path), text.encode())
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from rotorfit.show.plots.style import Sheet, colour_of, legend_below, literal, on_sheet
+from rotorfit.show.plots.style import GREY, Sheet, colour_of, legend_below, literal, on_sheet
 from rotorfit.studies.planning.record import Plan
 
 
@@ -30,8 +30,8 @@ def plot_plan(plan: Plan, *, sheet: Sheet) -> Figure:
         colour = colour_of(number, len(names))
         top.plot(x, plan.share[own] * 100, ".-", lw=1.0, ms=4, color=colour, label=literal(name))
         below.plot(x, plan.certificate.phi[own], ".-", lw=1.0, ms=4, color=colour)
-    top.axhline(100 / plan.share.size, color="0.4", lw=0.8, ls="--", label="all lines alike")
-    below.axhline(plan.certificate.phi.max(), color="0.4", lw=0.8, ls=":")
+    top.axhline(100 / plan.share.size, color=GREY, lw=0.8, ls="--", label="all lines alike")
+    below.axhline(plan.certificate.phi.max(), color=GREY, lw=0.8, ls=":")
     top.set_ylabel("share of the averaging time, %")
     below.set_ylabel("gain of a line (mean: 1)")
     below.set_xlabel(f"frequency of the force, {sheet.rate_unit} (backward < 0)")
