@@ -112,7 +112,9 @@ class KnownStructure(RotorModel):
         self.two_lam = two_lam
         self.fluids = fluids_of(self.fluid, law, two_lam=two_lam)
         self.law, self.clearance_um, self.clearance = laws_and_clearances(self.fluids, law, clearance_um, self.name)
-        self._given = {"M": M, "C": C, "G": G, "K": K, "planes": dict(planes), "scales": scales, "dofs": tuple(dofs)}
+        own = {name: _copied(part) for name, part in scales.items()} if scales is not None else None
+        self._given = {**_copied({"M": M, "C": C, "G": G, "K": K}), "scales": own}
+        self._given |= {"planes": dict(planes), "dofs": tuple(dofs)}
         self.shaft: Shaft = Shaft(matrices, parts, _places(planes, self.tilts, place))
         self.parameters = self._all_parameters(scales or {})
         if len({q.name for q in self.parameters}) != len(self.parameters):
@@ -267,6 +269,11 @@ def _some(chosen: str | Sequence[str], planes: Sequence[str], what: str) -> tupl
     if unknown or len(set(names)) != len(names):
         raise ValueError(f"{what} names {', '.join(names)}; each must be one of the planes {', '.join(planes)}, once")
     return names
+
+
+def _copied(matrices: Mapping[str, ArrayLike | None]) -> dict[str, Any]:
+    """Matrices as they are now, whatever their owner makes of them."""
+    return {kind: None if matrix is None else np.array(matrix) for kind, matrix in matrices.items()}
 
 
 def _part(name: str, part: Mapping[str, ArrayLike], whole: StructureMatrices, dofs: Sequence[str]) -> StructureMatrices:

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Hashable, Iterator, Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from inspect import signature
 from types import MappingProxyType, SimpleNamespace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+from uuid import uuid4
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.base.array_types import ComplexArray, Float
+from rotorfit.base.equality import ByValue
 from rotorfit.base.names import unknown_name
 from rotorfit.base.text_table import Table, Tabled
 from rotorfit.models.coefficients import CoefficientJacobian, CompiledModel, Symbolic
@@ -48,7 +50,7 @@ class Coordinate:
         return f"{self.plane}.{self.axis}"
 
 
-class RotorModel(Tabled, ABC):
+class RotorModel(ByValue, Tabled, ABC):
     """A rotor as polynomial dynamic stiffness, ``kappa(s) = sum_k C_k s^k`` with ``s = j w``.
 
     A model of your own needs ``name``, ``planes``, ``parameters`` and :meth:`equation`; one whose entries change with
@@ -482,25 +484,25 @@ class RotorModel(Tabled, ABC):
     def __getstate__(self) -> dict[str, Any]:
         """State that a copy in another process needs: compiled functions are made anew there."""
         cached = [n for kind in type(self).__mro__ for n, v in vars(kind).items() if isinstance(v, cached_property)]
-        return {name: value for name, value in self.__dict__.items() if name not in cached}
+        return {name: value for name, value in self.__dict__.items() if name not in cached} | {"_origin": self._origin}
 
     @cached_property
-    def _told_by(self) -> Hashable:
-        """Key of this model, for what was compiled: class and attributes of a model of this package. The equation of
-        any other may draw on more: it is the same as itself only."""
-        whole = type(self), *self.__getstate__().items()
-        try:
-            hash(whole)
-        except TypeError:
-            return object()
-        return whole if self.__module__.partition(".")[0] == _PACKAGE and _is_ours(whole[1:]) else object()
+    def _origin(self) -> str:
+        """Of which model this one is a copy, where its equation may draw on more than its attributes."""
+        return "" if _is_ours(self) and _is_ours(self.options()) else uuid4().hex
+
+    @cached_property
+    def _state(self) -> dict[str, Any]:
+        return self.__getstate__()
+
+    def compared(self) -> Mapping[str, Any]:
+        """What tells this model from others, for what was compiled. One that may draw on more is the same as itself and
+        its copies only."""
+        return self._state
 
     @cached_property
     def _hash(self) -> int:
-        return hash(self._told_by)
-
-    def __eq__(self, other: object) -> bool:
-        return self is other or (isinstance(other, RotorModel) and self._told_by == other._told_by)
+        return super().__hash__()
 
     def __hash__(self) -> int:
         return self._hash
@@ -530,9 +532,11 @@ _PACKAGE = __name__.partition(".")[0]
 
 def _is_ours(value: object) -> bool:
     """True if a value is plain, or of a class of this package, or holds nothing else."""
-    if isinstance(value, tuple):
+    if isinstance(value, Mapping):
+        return all(map(_is_ours, value.values()))
+    if isinstance(value, tuple | list):
         return all(map(_is_ours, value))
-    return type(value).__module__.partition(".")[0] in ("builtins", _PACKAGE)
+    return type(value).__module__.partition(".")[0] in ("builtins", "numpy", _PACKAGE)
 
 
 @lru_cache

@@ -214,7 +214,8 @@ def roots() -> frozenset[tuple[str, str]]:
         for node in tree.body
         if isinstance(node, ast.ClassDef) and node.name in ("Block", "Observed", "OnResponses")
     }
-    first = next(kind for kind in reversed(rf.PerturbationTest.__mro__) if kind.__module__.startswith(FRONT))
+    lab = f"{FRONT}.lab."
+    first = next(kind for kind in reversed(rf.PerturbationTest.__mro__) if kind.__module__.startswith(lab))
     return frozenset({(first.__module__, first.__name__), (rf.models.RotorModel.__module__, "RotorModel"), *found})
 
 

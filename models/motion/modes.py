@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rotorfit.base.array_types import ROUND_OFF, ComplexArray, Float
+from rotorfit.base.equality import ByValue
 from rotorfit.models.model import RotorModel
 from rotorfit.models.motion.stability import eigenvalues, is_image, mode_vectors, seats, whirl_sense
 
@@ -53,7 +54,7 @@ def vibration_modes(model: RotorModel, theta: Float, speed: float, *, normalised
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ModePairs:
+class ModePairs(ByValue):
     """Eigenvalues with left and right modes, scaled so that the receptance is ``sum of right left^T / (j w - s)``.
 
     A right mode is the deflection that a probe sees; a left mode says how much a force at each coordinate drives it.

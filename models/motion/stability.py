@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.base.array_types import ROUND_OFF, Bool, ComplexArray, Float, Index
+from rotorfit.base.equality import ByValue
 from rotorfit.models.model import RotorModel
 from rotorfit.models.shafts.angular_rates import HIGHEST_RATE, angular_rate, angular_rates
 from rotorfit.models.shafts.turning import unstable_bands
@@ -19,7 +20,7 @@ _SENSELESS = 1e-9  # share of a mode's motion up to which a whirl of it is round
 
 
 @dataclass(frozen=True, eq=False)
-class Threshold:
+class Threshold(ByValue):
     """Onset of instability.
 
     Attributes:

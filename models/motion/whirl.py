@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rotorfit.base.array_types import Bool, ComplexArray, Float
+from rotorfit.base.equality import ByValue
 from rotorfit.models.model import RotorModel
 from rotorfit.models.motion.journal import journal
 from rotorfit.models.motion.stability import roots, threshold_speed
@@ -27,7 +28,7 @@ LARGEST_WHIRL = 0.97
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class WhirlBranch:
+class WhirlBranch(ByValue):
     """Self-excited circular orbits from the onset on.
 
     Attributes:

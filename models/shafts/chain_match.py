@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
+from rotorfit.base.equality import ByValue
 from rotorfit.base.text_table import text_table
 from rotorfit.models.lumped import MOST_MASSES, Chain
 
@@ -28,7 +29,7 @@ _EXACT: dict[str, Any] = {"xtol": 1e-15, "ftol": 1e-15, "gtol": 1e-15, "x_scale"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ChainFromModes:
+class ChainFromModes(ByValue):
     """A chain that has given natural frequencies, and how well its deflection lines match the given ones.
 
     Attributes:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.base.digits import significant
+from rotorfit.base.equality import ByValue
 from rotorfit.base.names import unknown_name
 from rotorfit.models.shafts.reduction import REDUCTION_TOLERANCE, Reduction, Terms
 
@@ -161,7 +162,7 @@ class _Latest(OrderedDict[bytes, _Result]):
         return self[key]
 
 
-class Shaft:
+class Shaft(ByValue):
     """Known structure, of which scale factors multiply ``parts``, seen at coordinates ``at``, shape ``(n,)``."""
 
     def __init__(self, matrices: StructureMatrices, parts: Sequence[StructureMatrices], at: Index) -> None:
@@ -220,6 +221,10 @@ class Shaft:
     def reductions(self) -> tuple[Reduction, ...]:
         """Reduced structures in use."""
         return tuple(r for r in self._reductions.values() if r is not None and r.error <= REDUCTION_TOLERANCE)
+
+    def compared(self) -> Mapping[str, Any]:
+        """The structure alone, which the rest follows from."""
+        return {"matrices": self.matrices, "parts": self.parts, "at": self.at, "has_mass": self.has_mass}
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_kept": _Latest(), "_reductions": _Latest()}

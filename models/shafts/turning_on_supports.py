@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 
 from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.digits import significant
+from rotorfit.base.equality import ByValue
 from rotorfit.models.complexes import Complex
 from rotorfit.models.model import RotorModel
 from rotorfit.models.orthotropic import support_parameters, support_planes, support_symbol
@@ -102,7 +103,7 @@ class TurningOnSupports(Turning):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class HarmonicSet:
+class HarmonicSet(ByValue):
     """Lines of a motion ``z = sum ahead_k exp(j(w + 2k Om)t) + behind_k exp(j(-w + 2k Om)t)``, k = -N ... N.
 
     Attributes:

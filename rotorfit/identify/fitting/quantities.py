@@ -16,6 +16,7 @@ import numpy as np
 
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import NOT_DETERMINED, significant, with_error, with_errors
+from rotorfit.base.equality import ByValue
 from rotorfit.base.names import unknown_name
 from rotorfit.base.significance import quantile
 from rotorfit.base.text_table import Printed, Table, Tabled
@@ -116,7 +117,7 @@ class Source(Protocol):
         """The error of a result by independent parts that all results share; their squares add up to its variance."""
 
 
-class Number(Printed):
+class Number(ByValue, Printed):
     """Operand of sums, products and powers: a value with its unit and its derivatives by parameters of one fit.
 
     Numbers of one fit know their covariance. Those of another fit, and those that stand for themselves, are independent
@@ -342,7 +343,7 @@ class Number(Printed):
         return self
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Quantity(Number):
     """A derived quantity and its standard error, infinite where the data do not determine it, NaN for a stalled fit.
 
@@ -400,7 +401,7 @@ class Quantity(Number):
         return str(self.shown()) if math.isfinite(self.stderr) else f"{NOT_DETERMINED} by these data"
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class FittedParameter(Number):
     """One parameter of a result. Sums, products and powers of parameters of one result know their covariance.
 

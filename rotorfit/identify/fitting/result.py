@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NoReturn, Unpack
 
@@ -16,6 +16,7 @@ from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
 from rotorfit.base.chance import Seed, seed_of
 from rotorfit.base.digits import significant
+from rotorfit.base.equality import ByValue
 from rotorfit.base.names import unknown_name
 from rotorfit.base.units import in_rad_s
 from rotorfit.estimators.blocks.correlated import freedom_of
@@ -77,7 +78,7 @@ def noise_known_from(problem: Problem) -> float:
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class FitResult:
+class FitResult(ByValue):
     """Result of :func:`rotorfit.fit` or :func:`rotorfit.closed_form`. Frozen; a failed fit is a result that says so.
 
     Attributes:
@@ -112,7 +113,7 @@ class FitResult:
     experiments: tuple[Experiment, ...]
     settings: FitSettings
     method: str
-    problem: Problem
+    problem: Problem = field(compare=False)
     x: Float
     params: Mapping[str, FittedParameter]
     covar: Float

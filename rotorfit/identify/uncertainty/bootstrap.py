@@ -13,6 +13,7 @@ import numpy as np
 
 from rotorfit.base.array_types import Bool, ComplexArray, Float
 from rotorfit.base.digits import interval, significant, with_error
+from rotorfit.base.equality import ByValue
 from rotorfit.base.executors import carry_out
 from rotorfit.base.names import unknown_name
 from rotorfit.base.text_table import Table, Wide
@@ -30,7 +31,7 @@ _OPTIONS = Options(max_iterations=50)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Bootstrap(Draws):
+class Bootstrap(ByValue, Draws):
     """Estimates from simulated data.
 
     Attributes:

@@ -10,6 +10,7 @@ import numpy as np
 
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import two_digits, with_error
+from rotorfit.base.equality import ByValue
 from rotorfit.base.names import unknown_name
 from rotorfit.base.significance import quantile
 from rotorfit.base.text_table import Table, Tabled
@@ -67,7 +68,7 @@ class BudgetRow:
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Budget(Tabled):
+class Budget(ByValue, Tabled):
     """Budget of a fit.
 
     Attributes:

@@ -11,6 +11,7 @@ import numpy as np
 from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
+from rotorfit.base.equality import ByValue
 from rotorfit.base.text_table import Table, Tabled
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.data.rows import Experiment
@@ -22,7 +23,7 @@ _ERRORS = "errors include causes beside the models; fit.params[name].noise is th
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Comparison(Tabled):
+class Comparison(ByValue, Tabled):
     """Fits of the same data, see :func:`compare`.
 
     Attributes:

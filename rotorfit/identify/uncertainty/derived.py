@@ -11,6 +11,7 @@ import numpy as np
 
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import interval, with_error
+from rotorfit.base.equality import ByValue
 from rotorfit.base.matching import matched
 from rotorfit.base.text_table import Printed, Tabled
 from rotorfit.identify.fitting.onset import is_extrapolated, onset_by_causes, onset_note
@@ -25,7 +26,7 @@ SHAFT_DRAWS = 100  # the same for models with the matrices of a whole shaft
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Derived(Printed):
+class Derived(ByValue, Printed):
     """A quantity of the rotor, one value (or array of values) for each draw of a posterior."""
 
     name: str  # what it is

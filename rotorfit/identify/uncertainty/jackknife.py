@@ -11,6 +11,7 @@ import numpy as np
 
 from rotorfit.base.array_types import ROUND_OFF, Float
 from rotorfit.base.digits import interval, significant, with_error
+from rotorfit.base.equality import ByValue
 from rotorfit.base.names import unknown_name
 from rotorfit.base.text_table import Printed, text_table
 from rotorfit.estimators.inference.covariance import prior_curvature
@@ -23,7 +24,7 @@ _LARGEST_GROWTH = 100.0  # times by which an error grows without a run that alon
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Jackknife(Printed):
+class Jackknife(ByValue, Printed):
     """Estimates without each run in turn (Efron 1982), one Gauss-Newton step from those with all."""
 
     fit: FitResult  # the fit of all runs

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from rotorfit.base.array_types import ComplexArray
 from rotorfit.base.digits import significant, with_error
+from rotorfit.base.equality import ByValue
 from rotorfit.base.names import unknown_name
 from rotorfit.base.text_table import Table
 from rotorfit.base.units import in_rad_s
@@ -25,7 +26,7 @@ NEGLIGIBLE_WEIGHT = 0.002
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ModelAverage(Draws):
+class ModelAverage(ByValue, Draws):
     """Posteriors of several models of the same data, weighted by ``exp(-BIC / 2)``.
 
     BIC approximates the probability of a model given the data (Schwarz 1978), all models being as likely beforehand.

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float, Index
+from rotorfit.base.equality import ByValue
 from rotorfit.base.names import unknown_name
 from rotorfit.base.text_table import Table
 from rotorfit.base.units import in_rad_s
@@ -56,7 +57,7 @@ class SampleSettings:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Posterior(Draws):
+class Posterior(ByValue, Draws):
     """Draws from the posterior of a fit.
 
     Attributes:

@@ -12,6 +12,7 @@ import numpy as np
 from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.digits import significant
+from rotorfit.base.equality import ByValue
 from rotorfit.base.text_table import Table, Tabled
 from rotorfit.base.units import RPM_PER_RAD_S
 
@@ -29,7 +30,7 @@ class Band:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Prediction(Tabled):
+class Prediction(ByValue, Tabled):
     """Predicted responses of one plane to a force at one plane; see :meth:`FitResult.predict`.
 
     Attributes:

@@ -14,6 +14,7 @@ import numpy as np
 from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import interval, significant, with_error
+from rotorfit.base.equality import ByValue
 from rotorfit.base.executors import carry_out
 from rotorfit.base.names import unknown_name
 from rotorfit.base.significance import quantile
@@ -45,7 +46,7 @@ from rotorfit.models.parameters import bare_name
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Profile(Printed):
+class Profile(ByValue, Printed):
     """Profile of one parameter or of the threshold speed.
 
     Attributes:

@@ -13,6 +13,7 @@ import numpy as np
 from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import ROUND_OFF, ComplexArray, Float, Index
 from rotorfit.base.digits import significant
+from rotorfit.base.equality import ByValue
 from rotorfit.base.names import unknown_name
 from rotorfit.base.significance import quantile
 from rotorfit.base.text_table import Printed, text_table
@@ -30,7 +31,7 @@ Holes = int | Sequence[float] | Mapping[str, int | Sequence[float]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Balance(Printed):
+class Balance(ByValue, Printed):
     """Correction weights (:func:`balance`).
 
     Attributes:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rotorfit.base.array_types import Bool, ComplexArray, Float, Index, Text
 from rotorfit.base.digits import significant
+from rotorfit.base.equality import ByValue
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.blocks.row_keys import combined, in_order, numbers, words
 from rotorfit.estimators.blocks.set_speeds import SPEED_TOLERANCE, set_speeds
@@ -60,7 +61,7 @@ PLACEHOLDER = 1e-9 + 0j
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Experiment(ABC):
+class Experiment(ByValue, ABC):
     """Read-only arrays of one length, one row a reading."""
 
     title: ClassVar[str]

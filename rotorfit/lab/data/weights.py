@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from rotorfit.base.array_types import Float, Index
 from rotorfit.base.digits import significant
+from rotorfit.base.equality import ByValue
 from rotorfit.base.significance import SIGNIFICANT_ERRORS
 from rotorfit.base.text_table import Printed, text_table
 from rotorfit.base.units import RPM_PER_RAD_S
@@ -30,7 +31,7 @@ from rotorfit.lab.data.synchronous import DIFFERENCED, OPPOSITE_TOLERANCE, at_sp
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Influences(Printed):
+class Influences(ByValue, Printed):
     """Residual vectors and influences of a synchronous test at dwell speeds (:func:`influence`).
 
     Attributes:

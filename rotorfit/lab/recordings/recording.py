@@ -19,6 +19,7 @@ from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
 from rotorfit.base.atomic_file import joined
 from rotorfit.base.digits import significant
+from rotorfit.base.equality import ByValue
 from rotorfit.lab.data.findings import Finding, listed
 from rotorfit.lab.recordings import quality, views
 from rotorfit.lab.recordings.angle_track import AngleTrack, Marks, steady_track, track
@@ -32,7 +33,7 @@ from rotorfit.lab.recordings.slow_roll import RunOut, find_run_out, in_words
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Recording(Signals):
+class Recording(ByValue, Signals):
     """One run as it was recorded: signals, angles and what was found wrong. Made by :func:`read_recording`."""
 
     plot = Accessor()
@@ -51,6 +52,10 @@ class Recording(Signals):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return read_recording, (self.path, self.setup), {"label": self.label}  # a worker opens the file again
+
+    def compared(self) -> Mapping[str, Any]:
+        """Which file it is, and how it is read."""
+        return {"path": self.path, "setup": self.setup, "label": self.label}
 
     def shaft_angle(self) -> AngleTrack:
         """Angle of the shaft from its Keyphasor.

@@ -17,6 +17,7 @@ from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
 from rotorfit.base.atomic_file import whole_file
 from rotorfit.base.digits import plus_minus, significant
+from rotorfit.base.equality import ByValue
 from rotorfit.base.executors import Kept
 from rotorfit.base.names import unknown_name
 from rotorfit.base.progress import progress_on_stderr
@@ -56,7 +57,7 @@ def _is_number(text: str) -> bool:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Campaign(Printed):
+class Campaign(ByValue, Printed):
     """Fits of all runs of a campaign.
 
     Attributes:

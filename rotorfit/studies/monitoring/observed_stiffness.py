@@ -15,6 +15,7 @@ import numpy as np
 
 from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.digits import significant
+from rotorfit.base.equality import ByValue
 from rotorfit.base.text_table import Printed, Wide, text_table
 from rotorfit.base.units import RPM_PER_RAD_S, in_rad_s
 from rotorfit.estimators.inference.covariance import widening
@@ -26,7 +27,7 @@ from rotorfit.models.parameters import MATRIX_UNITS
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class ObservedStiffness(Printed):
+class ObservedStiffness(ByValue, Printed):
     """Observed dynamic stiffness of one date, between one force plane and one probe plane.
 
     Attributes:

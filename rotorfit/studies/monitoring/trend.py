@@ -13,6 +13,7 @@ from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
 from rotorfit.base.chance import Seed, seed_of
 from rotorfit.base.digits import significant
+from rotorfit.base.equality import ByValue
 from rotorfit.base.significance import P_CHANCE
 from rotorfit.base.text_table import Printed
 from rotorfit.base.units import RPM_PER_RAD_S
@@ -114,7 +115,7 @@ class PlaceTrend:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class MachineTrend(Printed):
+class MachineTrend(ByValue, Printed):
     """Result of :func:`trend`, place by place.
 
     Attributes:

@@ -13,6 +13,7 @@ from rotorfit.base.array_types import Float
 from rotorfit.base.atomic_file import whole_file
 from rotorfit.base.chance import Seed, seed_of
 from rotorfit.base.digits import significant, with_errors
+from rotorfit.base.equality import ByValue
 from rotorfit.base.names import unknown_name
 from rotorfit.base.text_table import Table, Tabled
 from rotorfit.base.units import RPM_PER_RAD_S
@@ -69,7 +70,7 @@ class PlannedLines:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Plan(Tabled):
+class Plan(ByValue, Tabled):
     """Expected errors of a test, and the best use of its time; see :func:`rotorfit.plan`.
 
     Attributes:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rotorfit.base.digits import significant, two_digits
+from rotorfit.base.equality import ByValue
 from rotorfit.base.names import unknown_name
 from rotorfit.base.significance import OPEN_ERRORS
 from rotorfit.base.text_table import Table, Tabled
@@ -91,7 +92,7 @@ class CauseRow:
 
 
 @dataclass(frozen=True, repr=False)
-class Causes(Tabled):
+class Causes(ByValue, Tabled):
     """Causes of a fit: iterating gives :class:`CauseRow`, indexing by name one of them."""
 
     rows: tuple[CauseRow, ...]

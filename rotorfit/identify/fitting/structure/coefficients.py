@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
+from functools import cached_property, partial
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,7 @@ import numpy as np
 from rotorfit.base.array_types import Float
 from rotorfit.base.atomic_file import whole_file
 from rotorfit.base.digits import significant
+from rotorfit.base.equality import ByValue
 from rotorfit.base.names import unknown_name
 from rotorfit.base.text_table import Table, Tabled, text_table
 from rotorfit.base.units import RPM_PER_RAD_S
@@ -60,7 +61,7 @@ class Tabulated:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Coefficients:
+class Coefficients(ByValue):
     """Stiffness, damping and inertia of the force at a plane at one speed: see :meth:`FitResult.coefficients`.
 
     ``F = K r + C r' + M r''`` with r = (x, y), F what the rotor exerts on the fluid; positive Kxy and negative Kyx
@@ -84,7 +85,7 @@ class Coefficients:
     values: Float
     covariance: Float
     by_name: Mapping[str, Quantity]
-    propagated: Callable[[float, Float, str], Quantity]
+    propagated: Callable[[float, Float, str], Quantity] = field(compare=False)
 
     def __getitem__(self, name: str) -> Quantity:
         if name not in self.by_name:
@@ -152,7 +153,7 @@ class Coefficients:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CoefficientRows(Tabled, Tabulated):
+class CoefficientRows(ByValue, Tabled, Tabulated):
     """Coefficients at several speeds: see :meth:`FitResult.coefficient_table`.
 
     Attributes:
@@ -235,9 +236,7 @@ def coefficients_of(
     force = plane_force(fit.model, theta_at(fit, group, speed), speed, where, eccentricity)
     values, slopes = force.values.reshape(-1), force.slopes.reshape(len(COEFFICIENTS), -1)
 
-    def made(value: float, by_values: Float, unit: str) -> Quantity:
-        return propagated(fit, group, value, by_values @ slopes, unit, speed=speed)
-
+    made = partial(_made, fit, group, slopes, speed)
     columns = zip(COEFFICIENTS, values.tolist(), np.eye(values.size), strict=True)
     by_name = {name: made(value, unit, UNITS[name[0]]) for name, value, unit in columns}
     pulled = np.array([fit.problem.space.pull_back(row, group) for row in slopes])
@@ -255,6 +254,13 @@ def coefficients_of(
         by_name=by_name,
         propagated=made,
     )
+
+
+def _made(
+    fit: FitResult, group: int, slopes: Float, speed: float, value: float, by_values: Float, unit: str
+) -> Quantity:
+    """A quantity of the coefficients, of which ``slopes`` are the derivatives by the parameters."""
+    return propagated(fit, group, value, by_values @ slopes, unit, speed=speed)
 
 
 def _at_speed(fit: FitResult, speed: float) -> Mapping[str, Any] | None:
@@ -385,7 +391,7 @@ class FrequencyCoefficients:
 
 
 @dataclass(frozen=True, eq=False)
-class FrequencyRows(Tabulated):
+class FrequencyRows(ByValue, Tabulated):
     """Stiffness and damping against frequency of all conditions: see :meth:`FitResult.frequency_coefficients`."""
 
     rows: tuple[FrequencyCoefficients, ...]  # one a condition

@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 
 from rotorfit.base.digits import significant
+from rotorfit.base.equality import ByValue
 from rotorfit.base.faults import of_program
 from rotorfit.base.names import unknown_name
 from rotorfit.base.text_table import Table, Tabled, Wide
@@ -43,7 +44,7 @@ class LawFit:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LawComparison(Tabled):
+class LawComparison(ByValue, Tabled):
     """Ranking of laws of eccentricity on the same data; :func:`rotorfit.compare_laws` makes it.
 
     Attributes:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.digits import interval, plus_minus, significant
+from rotorfit.base.equality import ByValue
 from rotorfit.base.names import unknown_name
 from rotorfit.base.text_table import Table, Tabled
 from rotorfit.base.units import RPM_PER_RAD_S
@@ -66,7 +67,7 @@ class Mode:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Modes(Tabled, Sequence[Mode]):
+class Modes(ByValue, Tabled, Sequence[Mode]):
     """The modes of a fitted rotor at a speed, by natural frequency; ``print`` shows them as a table."""
 
     modes: tuple[Mode, ...]  # one after the other
@@ -375,7 +376,7 @@ def half_power(curves: Sequence[tuple[Float, Float]], frequency: float) -> float
     over the responses (frequencies, ascending, and sizes); NaN where none has a peak there with both of its sides."""
     found = []
     for w, size in curves:
-        near = np.flatnonzero(np.abs(w / frequency - 1) < 0.2)
+        near = np.flatnonzero(np.abs(w - frequency) < 0.2 * abs(frequency))  # none of an overdamped mode
         if near.size < 3:
             continue
         peak = int(near[np.argmax(size[near])])

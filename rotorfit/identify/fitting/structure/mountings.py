@@ -18,6 +18,7 @@ import numpy as np
 
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
+from rotorfit.base.equality import ByValue
 from rotorfit.base.text_table import text_table
 from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult
@@ -45,7 +46,7 @@ class MountedCoefficient:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Mountings(Tabulated):
+class Mountings(ByValue, Tabulated):
     """Coefficients over mountings, condition by condition: see :func:`rotorfit.mountings`.
 
     Attributes:

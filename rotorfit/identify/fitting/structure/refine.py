@@ -12,6 +12,7 @@ import numpy as np
 
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import plus_minus, significant
+from rotorfit.base.equality import ByValue
 from rotorfit.base.significance import OPEN_ERRORS
 from rotorfit.base.text_table import Table, Tabled
 from rotorfit.estimators.blocks.row_keys import words
@@ -34,7 +35,7 @@ _LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Refinement(Tabled):
+class Refinement(ByValue, Tabled):
     """Forward selection among nested models.
 
     Attributes:

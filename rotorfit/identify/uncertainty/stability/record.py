@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -13,6 +13,7 @@ import numpy as np
 from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
+from rotorfit.base.equality import ByValue
 from rotorfit.base.text_table import Table, Tabled
 from rotorfit.base.units import RPM_PER_RAD_S
 
@@ -92,7 +93,7 @@ def damping_ratio(decrement: Float) -> Float:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class StabilityReport(Tabled):
+class StabilityReport(ByValue, Tabled):
     """Criteria of a fitted rotor at running speed; see :meth:`FitResult.stability_report`.
 
     Attributes:
@@ -111,7 +112,7 @@ class StabilityReport(Tabled):
     running: tuple[float, float]
     level: float
     draws: int
-    curves: Mapping[str, Callable[[], tuple[Curve, ...]]]
+    curves: Mapping[str, Callable[[], tuple[Curve, ...]]] = field(compare=False)
     notes: tuple[str, ...]
     caution: str
 
