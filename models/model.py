@@ -482,23 +482,15 @@ class RotorModel(ByValue, Tabled, ABC):
         return type(self)(**{**self.options(), **changes})
 
     def __getstate__(self) -> dict[str, Any]:
-        """State that a copy in another process needs: compiled functions are made anew there."""
+        """What a copy in another process needs, and what tells this model from others, for what was compiled."""
         cached = [n for kind in type(self).__mro__ for n, v in vars(kind).items() if isinstance(v, cached_property)]
         return {name: value for name, value in self.__dict__.items() if name not in cached} | {"_origin": self._origin}
 
     @cached_property
     def _origin(self) -> str:
-        """Of which model this one is a copy, where its equation may draw on more than its attributes."""
+        """Of which model this one is a copy, where its equation may draw on more than its attributes: it is the same as
+        itself and its copies only."""
         return "" if _is_ours(self) and _is_ours(self.options()) else uuid4().hex
-
-    @cached_property
-    def _state(self) -> dict[str, Any]:
-        return self.__getstate__()
-
-    def compared(self) -> Mapping[str, Any]:
-        """What tells this model from others, for what was compiled. One that may draw on more is the same as itself and
-        its copies only."""
-        return self._state
 
     @cached_property
     def _hash(self) -> int:

@@ -222,9 +222,5 @@ class Shaft(ByValue):
         """Reduced structures in use."""
         return tuple(r for r in self._reductions.values() if r is not None and r.error <= REDUCTION_TOLERANCE)
 
-    def compared(self) -> Mapping[str, Any]:
-        """The structure alone, which the rest follows from."""
-        return {"matrices": self.matrices, "parts": self.parts, "at": self.at, "has_mass": self.has_mass}
-
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_kept": _Latest(), "_reductions": _Latest()}

@@ -13,20 +13,17 @@ from numpy.typing import NDArray
 class ByValue:
     """A record that equals another of its class whose fields hold the same values; NaN is the same as NaN.
 
-    Fields that follow from others, or lead back to what holds the record, are ``field(compare=False)``.
+    Fields that follow from others, or lead back to what holds the record, are ``field(compare=False)``. Of a class that
+    says what its copies need, that is compared.
     """
-
-    def compared(self) -> Mapping[str, Any]:
-        """What tells the record from others."""
-        return _fields(self)
 
     def __eq__(self, other: object) -> bool:
         if type(other) is not type(self):
             return NotImplemented
-        return self is other or same(self.compared(), other.compared())
+        return self is other or same(_held(self), _held(other))
 
     def __hash__(self) -> int:
-        return hash((type(self), _mark(self.compared())))
+        return hash((type(self), _mark(_held(self))))
 
 
 def same(one: Any, other: Any) -> bool:
@@ -48,7 +45,7 @@ def same(one: Any, other: Any) -> bool:
     if isinstance(one, list | tuple):
         return len(one) == len(other) and all(map(same, one, other))
     plain = is_dataclass(one) and not isinstance(one, ByValue)
-    return same(_fields(one), _fields(other)) if plain else bool(one == other)
+    return same(_held(one), _held(other)) if plain else bool(one == other)
 
 
 _SCALARS = (np.generic, int, float, complex)
@@ -60,7 +57,10 @@ def _same_arrays(one: NDArray[Any], other: NDArray[Any]) -> bool:
     return np.array_equal(one, other, equal_nan={one.dtype.kind, other.dtype.kind} <= set("fcmM"))
 
 
-def _fields(record: Any) -> dict[str, Any]:
+def _held(record: Any) -> Any:
+    said: object = type(record).__getstate__
+    if said is not object.__getstate__:
+        return record.__getstate__()
     return {one.name: getattr(record, one.name) for one in fields(record) if one.compare}
 
 

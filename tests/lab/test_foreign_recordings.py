@@ -185,6 +185,26 @@ FORMS = {
 }
 
 
+def streamed(whole: bytes, riff: int, data: int, cut: int = 0) -> bytes:
+    """A file whose writer went on before it knew the lengths, or was cut off."""
+    length, at = len(packed(3)), whole.index(b"data") + 4
+    whole = whole[:4] + struct.pack("<I", riff) + whole[8:at] + struct.pack("<I", data) + whole[at + 4 :]
+    assert len(whole) == at + 4 + length
+    return whole[: len(whole) - cut]
+
+
+FORMS |= {
+    f"streamed, {name}": streamed(FORMS["24 bits, extensible"], *lengths)
+    for name, lengths in {
+        "none known": (0xFFFFFFFF, 0xFFFFFFFF),
+        "a sample cut in two": (0xFFFFFFFF, 0xFFFFFFFF, 7),
+        "largest of SoX": (0x7FFFF024, 0x7FFFF000),
+        "largest of ALSA": (0x7FFFFFFF, 0x80000000),
+        "cut off": (0, 0),
+    }.items()
+}
+
+
 @pytest.mark.parametrize("form", FORMS)
 def test_wav_of_every_header_is_read_in_pieces(tmp_path: Path, form: str) -> None:
     (tmp_path / "a.wav").write_bytes(FORMS[form])

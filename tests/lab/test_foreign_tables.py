@@ -399,6 +399,17 @@ def test_orders_of_the_speed_are_frequencies(tmp_path: Path, name: str) -> None:
     assert name not in test.attributes
 
 
+@pytest.mark.parametrize(("factor", "said"), [(1.0, False), (1.00001, False), (2.0, True)])
+def test_a_column_order_that_is_none_of_the_speed_is_said(tmp_path: Path, factor: float, said: bool) -> None:
+    """Beside frequencies it is an attribute: silently only where it says the same."""
+    rows = [[*row, f"{factor * float(row[2]) / float(row[1]):.3f}"] for row in ROWS]
+    (tmp_path / "a.csv").write_text(table(rows, f"{HEADER},order"), encoding="utf-8")
+    test = read(tmp_path / "a.csv")
+    words = [finding.words for finding in test.findings]
+    assert any("'order' is not the frequency over the speed (line 2" in one for one in words) == said, words
+    assert "order" in test.attributes
+
+
 @pytest.mark.parametrize("stamp", [
     "2024-05-06 10:00:{:09.6f}", "2024-05-06T10:00:{:09.6f}", "06.05.2024 10:00:{:09.6f}", "10:00:{:09.6f}",
     '"5/6/2024 10:00:{:09.6f}"', "2024/05/06 10:00:{:09.6f}Z",

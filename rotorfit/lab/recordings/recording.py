@@ -53,10 +53,6 @@ class Recording(ByValue, Signals):
     def __reduce__(self) -> tuple[Any, ...]:
         return read_recording, (self.path, self.setup), {"label": self.label}  # a worker opens the file again
 
-    def compared(self) -> Mapping[str, Any]:
-        """Which file it is, and how it is read."""
-        return {"path": self.path, "setup": self.setup, "label": self.label}
-
     def shaft_angle(self) -> AngleTrack:
         """Angle of the shaft from its Keyphasor.
 

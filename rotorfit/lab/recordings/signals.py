@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -57,8 +57,8 @@ def said_of(name: str) -> Iterator[None]:
 class Signals:
     """Volts and motions of one run."""
 
-    raw: RawFile  # what the file holds
-    rig: Rig  # which channel is what, complete
+    raw: RawFile = field(compare=False)  # what the file holds
+    rig: Rig = field(compare=False)  # which channel is what, complete
     path: Path  # the file
     setup: RigSetup | None  # the setup it was opened with
     label: str | None = None  # name of the run, where another recording of the test has a file of the same name

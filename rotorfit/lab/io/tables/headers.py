@@ -222,8 +222,10 @@ def with_orders(table: Table) -> Table:
     }
     orders = [named[name] for name in _ORDERS if name in named]
     speeds = table.find("speed", UNITS["frequency"])
-    if not orders or len(speeds) != 1 or table.find("frequency", UNITS["frequency"]):
+    if not orders or len(speeds) != 1:
         return table
+    if frequencies := table.find("frequency", UNITS["frequency"]):
+        return _with_order_beside(table, orders[0], speeds, frequencies)
     if len(orders) > 1:
         both = " and ".join(map(table.spelled, orders))
         raise ValueError(f"{table.source}: frequencies are given twice, as {both}; keep one of them")
@@ -237,6 +239,26 @@ def with_orders(table: Table) -> Table:
     kept = table.rows(np.arange(len(table.lines)), without={orders[0]})
     unit = table.names[speed][len("speed_") :]
     return kept.with_columns({f"frequency_{unit}": Numbers(values)})
+
+
+def _with_order_beside(
+    table: Table, order: str, speeds: Mapping[str, float], frequencies: Mapping[str, float]
+) -> Table:
+    """The table with frequencies and a column called order, and a note where that is something else."""
+    said = floats(table.cells[order])
+    if said is None:
+        return table
+    speed, frequency = (np.abs(table.number(next(iter(found.items())), blank=True)) for found in (speeds, frequencies))
+    rounded = 0.05  # two digits of an order
+    odd = np.flatnonzero(np.abs(np.abs(said) * speed - frequency) > rounded * speed)
+    if not odd.size:
+        return table
+    where = f"line {table.lines[odd[0]]}: {table.cells[order][odd[0]]}"
+    words = (
+        f"{table.source}: {table.spelled(order)!r} is not the frequency over the speed ({where}): frequencies are as "
+        "given, and it is kept as an attribute"
+    )
+    return table.noted("order", words)
 
 
 def with_given_names(table: Table, columns: Mapping[str, str]) -> Table:

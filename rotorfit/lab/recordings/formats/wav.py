@@ -94,8 +94,16 @@ def _header(path: Path) -> tuple[bytes, int, int]:
                 if len(form) < 16:
                     raise ValueError(f"{name} is not a readable WAV file: nothing says what its samples are")
                 whole = struct.unpack_from("<Q", sizes, 8)[0] if length == 0xFFFFFFFF and len(sizes) == 24 else length
-                return form, begin, whole
+                size = path.stat().st_size
+                unfinished = struct.unpack_from("<I", head, 4)[0] != size - 8
+                return form, begin, size - begin if unfinished and _streamed(whole, size - begin) else whole
     raise ValueError(f"{name} is not a readable WAV file: it has no samples")
+
+
+def _streamed(length: int, rest: int) -> bool:
+    """True of a length that stands for one that was not known yet: recorders that write into a pipe, or that were cut
+    off, leave no other."""
+    return length in (0, 0xFFFFFFFF, 0xFFFFFFFFFFFFFFFF) or rest < 0x7FFFE000 <= length <= 0x80000000
 
 
 def _chunks(file: BinaryIO) -> Iterator[tuple[bytes, int, int]]:
