@@ -364,6 +364,36 @@ def test_units_may_have_a_row_of_their_own_below_a_point(tmp_path: Path) -> None
     np.testing.assert_allclose(np.abs(test.response)[:5], [(10 + k / 2) * 1e-6 for k in range(5)])
 
 
+def probe_sheets(file: Path, points: dict[str, str | None]) -> None:
+    """A workbook with a sheet of speed, amplitude and phase by its name, its point above where there is one."""
+    workbook = Workbook()
+    workbook.remove(workbook.active)
+    for name, point in points.items():
+        sheet = workbook.create_sheet(name)
+        head = [["Speed (rpm)", "Amplitude (um pp)", "Phase (deg)"]]
+        for row in ([[point]] if point else []) + head + [[rpm, 20, 45] for rpm in SPEEDS]:
+            sheet.append(row)
+    workbook.save(file)
+
+
+def test_the_sheet_of_a_probe_may_have_its_name(tmp_path: Path) -> None:
+    probe_sheets(tmp_path / "a.xlsx", {"DE X": None, "Sheet2": "Point: DE Y", "NDE-x": None})
+    test = read(tmp_path / "a.xlsx")
+    assert [*dict.fromkeys(zip(test.plane, test.direction, strict=True))] == [("DE", "x"), ("DE", "y"), ("NDE", "x")]
+
+
+@pytest.mark.parametrize("points", [
+    {"Sheet1": None, "Sheet2": None}, {"A": "DE", "B": "NDE"}, {"A": "Point: DE", "B": "Point: NDE"},
+    {"DE X": None, "B": None}, {"1VX": None, "1VY": None},
+])  # fmt: skip
+def test_sheets_of_probes_that_nothing_names_are_refused(tmp_path: Path, points: dict[str, str | None]) -> None:
+    """Also the one among others that are named: its numbers would be dropped."""
+    probe_sheets(tmp_path / "a.xlsx", points)
+    unnamed = ", ".join(map(repr, [name for name in points if name != "DE X"]))
+    with pytest.raises(ValueError, match=rf"a\.xlsx: nothing says of which probe .* in sheets? {unnamed} are: write a"):
+        read(tmp_path / "a.xlsx")
+
+
 def test_orders_of_a_rotor_at_rest_are_no_frequencies(tmp_path: Path) -> None:
     rows = [[row[0], "0", "0.5", *row[3:]] for row in ROWS]
     (tmp_path / "a.csv").write_text(table(rows, HEADER.replace("frequency_rpm", "order")), encoding="utf-8")

@@ -1,4 +1,5 @@
-"""Tables of one probe each, whose point stands above the header: ``Point: Brg 1 X``; in a workbook one a sheet.
+"""Tables of one probe each, whose point stands above the header, ``Point: Brg 1 X``; in a workbook one a sheet, which
+may have its name.
 
 Their columns are speed, amplitude and phase of the 1x vector, without plane and direction. The name of the point ends
 with the axis of the probe.
@@ -35,12 +36,21 @@ def points_above(path: str | Path | DataFrame, sheet: str | None) -> Points:
     if not isinstance(path, str | Path) or Path(path).suffix.lower() not in (*EXCEL, ".csv", ".txt", ".tsv"):
         return {}
     file = Path(path)
-    heads = first_rows(file, sheet)
-    return {name: place for name, rows in heads.items() if (place := _point(rows)) is not None}
+    titles = {name: above for name, rows in first_rows(file, sheet).items() if (above := _titles(rows)) is not None}
+    several = len(titles) > 1
+    points = {name: _point(above, (name or "") if several else "") for name, above in titles.items()}
+    unnamed = [repr(name) for name, place in points.items() if place is None]
+    if several and unnamed:
+        raise ValueError(
+            f"{file.name}: nothing says of which probe speed, amplitude and phase in sheet{'s' * (len(unnamed) > 1)} "
+            f"{', '.join(unnamed)} are: write a line such as 'Point: DE X', its plane and x or y, above the header of "
+            "each, or call the sheet so"
+        )
+    return {name: place for name, place in points.items() if place is not None}
 
 
-def _point(rows: Sequence[Sequence[str]]) -> tuple[str, str] | None:
-    """Plane and direction that the titles say, above a header without them."""
+def _titles(rows: Sequence[Sequence[str]]) -> list[list[str]] | None:
+    """Rows above the header of a table of one probe; None above other tables."""
     for number, row in enumerate(rows):
         cells = [cell.strip() for cell in row if cell.strip()]
         named = {quantity_meant(cell).partition("_")[0] for cell in cells}
@@ -51,13 +61,15 @@ def _point(rows: Sequence[Sequence[str]]) -> tuple[str, str] | None:
                 named = {quantity_meant(f"{cell} ({unit})").partition("_")[0] for cell, unit in units}
             if not named >= _SAID or {"plane", "direction"} & named:
                 return None
-            titles = [[cell.strip() for cell in above if cell.strip()] for above in rows[:number]]
-            break
-    else:
-        return None
-    for title in titles:
-        match = _TITLE.match(title[0]) if title else None
-        name = match[1].strip() or (title[1] if len(title) > 1 else "") if match else ""
+            return [[cell.strip() for cell in above if cell.strip()] for above in rows[:number]]
+    return None
+
+
+def _point(titles: Sequence[Sequence[str]], sheet: str) -> tuple[str, str] | None:
+    """Plane and direction that the titles say, or the name of the sheet."""
+    matches = [(title, match) for title in titles if title and (match := _TITLE.match(title[0]))]
+    names = [match[1].strip() or (title[1] if len(title) > 1 else "") for title, match in matches]
+    for name in (*names, sheet):
         place = _POINT.fullmatch(name)
         if place and place["plane"].strip(" _-.:"):
             return place["plane"].strip(" _-.:"), place["axis"].lower()
