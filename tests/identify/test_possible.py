@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plain import plain_fit
 from synthetic import SPEEDS, circular_test, covering_frequencies
 
 import rotorfit as rf
@@ -84,3 +85,19 @@ def test_known_stiffness_far_above_what_is_left_of_it_is_found():
     assert fit.redchi < fit.largest_redchi
     assert fit.params["K0"].value == pytest.approx(2.5e6 / 175.127 - 2e6, abs=100.0)
     assert np.isfinite(fit.params["K0"].stderr)
+
+
+@pytest.mark.parametrize(("times", "said"), [(1.0, False), (10.0, False), (0.1, False), (1e4, True), (1e7, True)])
+def test_an_inertia_that_no_disk_of_its_mass_has_is_asked_about(times, said):
+    """Displacements do not show it: k12, k22, Ip and d2 of a tilt that is not read go with It; the fit is as good."""
+    truth = {"M": 5.0, "It": 0.05, "Ip": 0.09, "k11": 4e6, "k12": 2e5, "k22": 4e4, "d1": 60.0, "d2": 0.6}
+    model, w, root = rf.models.Overhung(), np.linspace(120.0, 1860.0, 40), np.sqrt(times)
+    test = circular_test(
+        model, model.vector(truth), speeds=np.array([500, 3000]) * np.pi / 30, seed=1,
+        frequency=np.concatenate([-w[::-1], w]), noise=0.005, force_planes=["disk"],
+    )  # fmt: skip
+    start = truth | {"k12": root * 2e5} | {name: times * truth[name] for name in ("Ip", "k22", "d2")}
+    known = {"It": start.pop("It") * times}
+    fit = plain_fit(model, test.select(~np.char.startswith(test.direction, "r")), known=known, start=start)
+    assert fit.redchi < 1.5
+    assert any("radius of gyration" in words for words in fit.warnings) == said

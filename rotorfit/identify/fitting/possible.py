@@ -1,4 +1,4 @@
-"""Fitted values of a fluid that no rotor has beside what is known, and the factor of a unit that would explain them.
+"""Values that no rotor has beside what is known, and the factor of a unit that would explain those of a fluid.
 
 Readings or forces in another unit change the whole dynamic stiffness by one factor. Data do not show it; what is known
 of the structure, and taken off, then leaves a fluid with negative stiffness or damping.
@@ -43,7 +43,8 @@ _FACTORS: tuple[tuple[float, str, str], ...] = (
 
 def impossible(problem: Problem, x: Float, params: Mapping[str, FittedParameter]) -> Iterator[str]:
     """Sentences on values of a fluid that are impossible beyond their errors, where the model fits: with the factor
-    that would make them possible, as a question; of a fluid that turns against the shaft."""
+    that would make them possible, as a question; of a fluid that turns against the shaft; of a disk's inertia."""
+    yield from _gyration(params)
     off = [name for name, p in params.items() if _is_off(p)]
     if not off:
         return
@@ -65,6 +66,22 @@ def impossible(problem: Problem, x: Float, params: Mapping[str, FittedParameter]
         yield (
             f"{turned}: the fluid would turn against the shaft. Is the sense of rotation reversed (the sign of the "
             "speed, x and y exchanged), or the direction of the forces?"
+        )
+
+
+def _gyration(params: Mapping[str, FittedParameter]) -> Iterator[str]:
+    """That a disk has an inertia which its mass cannot have: readings of the displacement alone do not show it, because
+    Ip, k12, k22 and d2 of a tilt that is not read go with It."""
+    if not {"M", "It"} <= params.keys() or not (params["M"].value > 0 and params["It"].value > 0):
+        return
+    radius = np.sqrt(params["It"].value / params["M"].value)
+    edge = np.cbrt(params["M"].value / 7850.0)  # of a cube of steel
+    thin, hollow = 0.1, 20.0  # of it: far beyond a rod a hundred times as long as thick, and a wheel of sheet metal
+    if not thin * edge < radius < hollow * edge:
+        what = f"It {significant(params['It'].value, 3)} kg m^2 beside M {significant(params['M'].value, 3)} kg"
+        yield (
+            f"{what}: a radius of gyration of {significant(radius, 2)} m, which no disk of this mass has. Is its unit "
+            "wrong (kg cm^2, g mm^2)? Where slopes are not read, k12, k22, Ip and d2 go with It"
         )
 
 
