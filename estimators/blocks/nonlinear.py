@@ -96,6 +96,11 @@ class OrbitResponses(OnResponses):
         return replace(self, base=self.base.at_speeds(factor))
 
     @property
+    def circular(self) -> Responses:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return self.base
+
+    @property
     def apart(self) -> OrbitResponses:
         """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
         return replace(self, base=replace(self.base, group=self.base.condition[0]))
@@ -245,6 +250,22 @@ class OrbitResponses(OnResponses):
         free = np.asarray((state.eps < LARGEST_ECCENTRICITY).all(axis=0))
         found = np.linalg.solve(loops, np.moveaxis(parts[:count], 0, -1))
         return [np.moveaxis(found[..., k, :], -1, 0) * free for k in range(len(own))]
+
+    def motion(self, theta: Float) -> ComplexArray:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return np.asarray(self._state(theta).amplitude.T)
+
+    def pushed(self, theta: Float, force: ComplexArray) -> ComplexArray:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        state, count = self._state(theta), theta.shape[-1]
+        moved = np.einsum("ijl,lj->il", state.H, force)
+        if self.mode != "given":
+            by_kappa = self._by_kappa(state)
+            held = [self._slopes(left, by_kappa, None, state.amplitude, count)[count:] for left in state.H]
+            own = [np.concatenate([moved[None, seat.at], held[seat.at]]) for seat in self.journals]
+            orbits = np.concatenate(self._orbit_slopes(state, own, 1))
+            moved = moved + np.einsum("ikl,kl->il", held, orbits)
+        return np.asarray(moved.T)
 
     def _slopes(
         self, left: ComplexArray, by_kappa: ComplexArray, known: KnownStiffness | None, right: ComplexArray, count: int

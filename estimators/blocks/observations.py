@@ -36,6 +36,11 @@ class Asked(Protocol):
         """The responses of a linear rotor that its predictions are."""
         return None
 
+    @property
+    def circular(self) -> Responses | None:
+        """The responses to circular forces, of a linear rotor or in centred orbits, that its predictions are."""
+        return self.linear
+
     def values(self, theta: Float) -> Float:
         """Parameter vectors of the groups of :attr:`linear`."""
         return theta
@@ -55,9 +60,17 @@ class Asked(Protocol):
         return self.predict_jacobian(theta)  # type: ignore[attr-defined,no-any-return]
 
     def seen_by_probes(self, motion: ComplexArray) -> ComplexArray:
-        """What probes without a factor read of a motion of all coordinates of :attr:`linear`, shape ``(L, n)``."""
-        base = self.linear
+        """What probes without a factor read of a motion of all coordinates of :attr:`circular`, shape ``(L, n)``."""
+        base = self.circular
         return np.zeros(0, dtype=complex) if base is None else motion[base.line, base.coordinate]
+
+    def motion(self, theta: Float) -> ComplexArray:
+        """Motion of all coordinates of :attr:`circular`, shape ``(L, n)``; nothing of blocks that are linear."""
+        return np.zeros((0, 0), dtype=complex)
+
+    def pushed(self, theta: Float, force: ComplexArray) -> ComplexArray:
+        """Change of :meth:`motion` by small forces beside those of the test, shape ``(L, n)`` as these."""
+        return np.zeros_like(force)
 
     @property
     def apart(self) -> Block | None:

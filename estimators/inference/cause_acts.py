@@ -40,6 +40,12 @@ class Motion:
         return None if base is None or base.imposed or not base.frequency.any() else base
 
     @cached_property
+    def circular(self) -> Responses | None:
+        """Likewise, the centred orbits of a rotor that is not linear included."""
+        base = self.block.circular
+        return None if base is None or base.imposed or not base.frequency.any() else base
+
+    @cached_property
     def values(self) -> Float:
         """Parameter vectors of the groups of :attr:`linear`."""
         return self.block.values(self.theta)
@@ -53,8 +59,15 @@ class Motion:
     @cached_property
     def planes(self) -> ComplexArray:
         """Motion of all coordinates, shape ``(L, n)``."""
-        force = self.linear.force if self.linear is not None else np.zeros((0, 0))
-        return np.asarray(np.einsum("lij,lj->li", self.receptance, force))
+        if self.linear is None:
+            return self.block.motion(self.theta) if self.circular is not None else np.zeros((0, 0), dtype=complex)
+        return np.asarray(np.einsum("lij,lj->li", self.receptance, self.linear.force))
+
+    def pushed(self, force: ComplexArray) -> ComplexArray:
+        """Change of the predictions by small forces beside those of the test, shape ``(L, n)``."""
+        if self.linear is None:
+            return self.read(self.block.pushed(self.theta, force))
+        return self.read(np.einsum("lij,lj->li", self.receptance, force))
 
     @cached_property
     def right(self) -> ComplexArray:
@@ -70,9 +83,9 @@ class Motion:
     @cached_property
     def gain(self) -> ComplexArray:
         """Factor of each reading by its probe and by causes, shape ``(R,)``."""
-        if self.linear is None:
+        if self.circular is None:
             return np.ones(self.block.measured.size, dtype=complex)
-        return probe_factors(self.linear, self.values) * self.block.by_causes
+        return probe_factors(self.circular, self.values) * self.block.by_causes
 
     @cached_property
     def predicted(self) -> ComplexArray:
@@ -86,7 +99,7 @@ class Motion:
 
     def read(self, motion: ComplexArray) -> ComplexArray:
         """What the probes read of a motion of all coordinates, shape ``(L, n)``."""
-        if self.linear is None:
+        if self.circular is None:
             return np.zeros(self.block.measured.size, dtype=complex)
         return np.asarray(self.block.seen_by_probes(motion) * self.gain)
 
@@ -206,11 +219,17 @@ class OfRotor(Act):
 
     def change(self, motion: Motion) -> ComplexArray:
         """See :class:`Act`."""
-        base = motion.linear
+        base = motion.circular
         if base is None:
             return np.zeros(motion.block.measured.size, dtype=complex)
+        factor = self.factor(base, motion.values)
+        if motion.linear is None:
+            force = np.zeros_like(motion.planes)
+            for i, j, weight in self.entries:
+                force[:, i] -= weight * factor * motion.planes[:, j]
+            return motion.pushed(force)
         moved = sum((weight * motion.left[i] * motion.right[j] for i, j, weight in self.entries), 0j)
-        return np.asarray(-self.factor(base, motion.values)[base.line] * moved)
+        return np.asarray(-factor[base.line] * moved)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -424,11 +443,13 @@ class OffPlane(Act):
 
     def change(self, motion: Motion) -> ComplexArray:
         """See :class:`Act`."""
-        base, told, z, H = motion.linear, motion.base, motion.planes, motion.receptance
+        base, told, z = motion.circular, motion.base, motion.planes
         if base is None or told is None:
             return np.zeros(motion.block.measured.size, dtype=complex)
         if self.what == "force":
-            return motion.read(told.force[:, self.at, None] * (H[:, :, self.towards] - H[:, :, self.at]))
+            force = np.zeros_like(z)
+            force[:, self.towards], force[:, self.at] = told.force[:, self.at], -told.force[:, self.at]
+            return motion.pushed(force)
         read = base.coordinate == self.at
         return np.asarray(np.where(read, (z[:, self.towards] - z[:, self.at])[base.line], 0.0) * motion.gain)
 
@@ -448,7 +469,7 @@ class Flexible(Act):
     def change(self, motion: Motion) -> ComplexArray:
         """See :class:`Act`."""
         base = motion.base
-        if motion.linear is None or base is None:
+        if motion.circular is None or base is None:
             return np.zeros(motion.block.measured.size, dtype=complex)
         return motion.read(self.moved(base))
 

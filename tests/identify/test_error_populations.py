@@ -20,6 +20,7 @@ import error_populations as rig
 from error_populations import OUTPUTS, ROWS, Found, line_of
 
 import rotorfit as rf
+from rotorfit.estimators.inference.cause_acts import Motion
 
 RARE = 1e-3
 
@@ -45,6 +46,34 @@ def half_widths(found: list[Found]) -> dict[str, float]:
     """Median half width of the intervals, shares of the truth."""
     half = np.median([(one.high - one.low) / 2 for one in found], axis=0)
     return dict(zip(OUTPUTS, half.tolist(), strict=True))
+
+
+def test_causes_move_orbits_as_they_move_a_rotor_with_a_law(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Columns of a rotor whose film grows with the orbit, which feeds back, against the rotor run by fixed point with a
+    little of each cause."""
+    monkeypatch.setattr(rig, "NOISE", 0.0)
+    row = rig.Row(kind=rig.LAW)
+    rotor = rig.rotor_of(rig.LAW, 0, 1)
+    sweep = rig.sweep_of(rotor, row)
+
+    def run(acting: dict[str, float]) -> np.ndarray:
+        return rig.responses(rotor, sweep, acting, row, np.random.default_rng(0)).response
+
+    exact = rig.responses(rotor, sweep, {}, row, np.random.default_rng(0))
+    test = replace(exact, sigma=np.full(len(exact), 1e-3 * np.abs(exact.response).mean()))
+    fit = rf.fit(rig.model_of(rig.LAW), test, known=rig.known_of(rig.LAW, rotor))
+    model = fit.model
+    laws = dict(zip(("n_K", "n_D", "b"), rotor.law, strict=True))
+    theta = np.array([[laws[n] if n in laws else rotor.value(n) for n in model.parameter_names]])
+    motion = Motion(block=fit.problem.blocks[0], theta=theta)
+    assert motion.predicted == pytest.approx(run({}), rel=1e-9)
+    moved = {}
+    for cause in fit.settings.solved.causes:
+        step = 1e-3 * cause.size
+        plain = (run({cause.name: step}) - run({cause.name: -step})) / (2 * step)
+        moved[cause.name] = np.abs(cause.act.change(motion) - plain).max() / np.abs(plain).max()
+    assert {"damper[journal]", "loss", "hysteresis[journal]", "gyro[journal]", "flex[journal]"} < set(moved)
+    assert max(moved.values()) < 1e-5, moved  # truncated at the square of the step
 
 
 DESIGNS = [

@@ -148,9 +148,13 @@ def test_tables_print_what_the_parameters_have(fit: FitResult, tmp_path: Path):
 
 
 def test_a_known_value_with_an_error_is_in_what_is_made_of_it(fit: FitResult):
-    """K3 was given within 30: a quantity of it alone has what the data leave of that."""
-    row = fit.causes["K3"]
-    assert fit.derive(lambda p: p.K3, unit="N/m").stderr == pytest.approx(row.stderr, rel=SAME)
+    """K3 was given within 30: it and a quantity of it alone have what the data leave of that, wherever they stand."""
+    row, own = fit.causes["K3"], fit.params["K3"]
+    for number in (own, own * 1, fit.derive(lambda p: p.K3, unit="N/m")):
+        assert number.stderr == pytest.approx(row.stderr, rel=SAME)
+        assert number.trust == pytest.approx(row.stderr, rel=0.01)  # of which the data know next to nothing
+    assert str(own) == f"{own.shown()}, known"
+    assert table_row(fit, "K3")[2] == own.shown().error == "30"
 
 
 def judged_alone(fit: rf.FitResult) -> Outcome:

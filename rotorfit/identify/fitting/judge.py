@@ -315,12 +315,24 @@ def _parameters(
             at_bound=min(values[i] - lower[i], upper[i] - values[i]) <= 1e-7 * max(abs(values[i]), 1e-12),
             freedom=degrees[i],
         )
-    theta = space.theta(x)[0].tolist()
+    theta = space.theta(x)[0]
+    # Values that were taken as known have causes of their names.
+    wider = 1.0 if solved is None else math.sqrt(solved.errors.widened)
+    off = {cause.name: wider * deviation for cause, _, deviation in solved or ()}
     for place, known in enumerate(space.model.parameters):
         if (space.index[:, place] < 0).all():
-            said: dict[str, Any] = {"name": known.name, "unit": known.unit, "meaning": known.meaning, "vary": False}
-            numbers = {"value": theta[place], "init_value": theta[place], "stderr": 0.0}
-            entries[known.name] = FittedParameter(**said, **numbers, min=known.lower, max=known.upper)
+            value = float(theta[place])
+            entries[known.name] = FittedParameter(
+                name=known.name,
+                value=value,
+                stderr=off.get(known.name, 0.0),
+                init_value=value,
+                unit=known.unit,
+                meaning=known.meaning,
+                min=known.lower,
+                max=known.upper,
+                vary=False,
+            )
     order = {name: i for i, name in enumerate(space.model.parameter_names)}
     return dict(sorted(entries.items(), key=lambda item: order.get(bare_name(item[0]), len(order))))
 

@@ -409,8 +409,8 @@ class FittedParameter(Number):
         name: name, with the group in brackets where it was fitted per attribute.
         value: estimate or known value, SI.
         stderr: standard error, as wide as the residuals ask, see ``noise`` of a result; where they were not studied,
-            by sqrt(redchi) if that is above one; zero for known parameters, infinite where the data do not determine
-            the parameter, NaN where the search did not converge.
+            by sqrt(redchi) if that is above one; of known parameters what their tolerance leaves open, zero without
+            one; infinite where the data do not determine the parameter, NaN where the search did not converge.
         init_value: start of the optimisation.
         unit: SI unit.
         meaning: a few words.
@@ -457,14 +457,14 @@ class FittedParameter(Number):
 
         A dash stands for a share that is zero.
         """
-        if not (self.vary and self.determined):
+        if not (self.determined and (self.vary or self.stderr)):
             return ()
         return tuple(with_errors(self.value, self.stderr, self.stderr, self.noise, self.bounded, self.trust)[1:])
 
     @property
     def error(self) -> ErrorBar | None:
-        """The error share by share; None where no causes were solved, and for known parameters."""
-        return self._quantity.error if self.vary else None
+        """The error share by share; None where no causes were solved, and for known parameters without a tolerance."""
+        return self._quantity.error if self.vary or self.stderr else None
 
     def interval(self, level: float = 0.95, *, share: Share = "all") -> tuple[float, float]:
         """As :meth:`Quantity.interval`.
@@ -475,7 +475,7 @@ class FittedParameter(Number):
         return self._quantity.interval(level, share=share)
 
     def __str__(self) -> str:
-        return str(self._quantity) if self.vary else f"{self.shown()}, known"
+        return f"{self._quantity}{'' if self.vary else ', known'}"
 
     def __repr__(self) -> str:
         return f"<{self.name}: {self}>"

@@ -334,11 +334,12 @@ def natural(text: str) -> tuple[tuple[int, float, str], ...]:
 
 def _row(p: FittedParameter, more: bool) -> list[str | Wide]:
     shown, room = p.shown(), 1 + 3 * more
-    if not p.vary:
-        return [p.name, shown.value, Wide("known", room), p.unit]
     if not p.determined:
         return [p.name, Wide(f"{shown.value} by the data", 1 + room), p.unit]
-    return [p.name, shown.value, *p.shares()[:room], p.unit, "at its bound" if p.at_bound else ""]
+    errors = p.shares()[:room]
+    if not p.vary:
+        return [p.name, shown.value, *(errors or [Wide("known", room)]), p.unit, "known" if errors else ""]
+    return [p.name, shown.value, *errors, p.unit, "at its bound" if p.at_bound else ""]
 
 
 def interval_lines(fit: FitResult) -> list[str]:
@@ -421,11 +422,11 @@ def fit_html(fit: FitResult) -> str:
     shares = ("stderr", "noise", "bounded", "trust", "low", "high", "largest on trust", "plain")
     for p in in_order(fit.params.values()):
         shown, errors = p.shown(), [""] * len(shares)
-        if not p.vary:
-            errors[0] = "known"
-        elif p.determined:
+        if own := p.shares():
             largest = p.error.largest_on_trust if p.error else ""
-            errors = [*p.shares(), shown.low, shown.high, largest, with_error(p.plain, p.stderr)[0]]
+            errors = [*own, shown.low, shown.high, largest, with_error(p.plain, p.stderr)[0] if p.vary else "known"]
+        elif not p.vary:
+            errors[0] = "known"
         cells = (p.name, shown.value, *errors, "" if p.unit == "1" else p.unit, p.meaning)
         rows += "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>"
     head = "".join(f"<th>{name}</th>" for name in ("parameter", "value", *shares, "unit", "meaning"))

@@ -144,6 +144,4 @@ def _shown(fit: FitResult, name: str) -> str:
     p = fit.params.get(name)
     if p is None:
         return ""
-    if not p.vary:
-        return f"{p.value:.6g} known"
-    return p.shown().number
+    return p.shown().number if p.vary else f"{p.shown().number} known"

@@ -38,7 +38,7 @@ def plot_comparison(comparison: Any, *, sheet: style.Sheet) -> Figure:
         unit = found[0][1].unit
         scale, unit = style.prefix(np.array([p.value for _, p in found]), unit) if unit.startswith("N") else (1.0, unit)
         for i, p in found:
-            low, high = p.interval(0.95) if p.vary else (p.value, p.value)
+            low, high = p.interval(0.95)
             if np.isfinite([low, high]).all():
                 axis.plot(scale * np.array([low, high]), [i, i], color=style.colour_of(i), lw=2)
             axis.plot(scale * p.value, i, "o" if p.vary else "|", color=style.colour_of(i), ms=5)

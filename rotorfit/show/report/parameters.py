@@ -71,12 +71,11 @@ def parameter_section(material: ReportInput) -> Html:
 
 def _row(p: FittedParameter, model: RotorModel, start: str) -> list[str]:
     name, unit = parts.symbol(p.name, model), parts.unit_shown(p.unit)
-    if not p.vary:
-        return [name, plain(p.value), "known", "", unit, "", p.meaning, ""]
-    if not p.determined:
-        return [name, p.shown().value, "", "", unit, start, p.meaning, ""]
-    value, (error, noise) = typeset(p.shown().value), map(typeset, p.shares()[:2])
-    bound = "at its bound: no symmetric interval" if p.at_bound else ""
+    if not (shares := p.shares()):
+        said = [plain(p.value), "known"] if not p.vary else [p.shown().value, ""]
+        return [name, *said, "", unit, start, p.meaning, ""]
+    value, (error, noise) = typeset(p.shown().value), map(typeset, shares[:2])
+    bound = "at its bound: no symmetric interval" if p.at_bound else "" if p.vary else "known"
     return [name, value, error, noise if noise != error else "", unit, start, p.meaning, bound]
 
 

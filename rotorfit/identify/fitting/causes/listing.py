@@ -97,7 +97,7 @@ class _Rig:
     model: RotorModel
     thetas: Float
     blocks: tuple[Responses, ...]  # all that hold responses to forces
-    linear: tuple[Responses, ...]  # those of a linear rotor to circular forces
+    circular: tuple[Responses, ...]  # those to circular forces
     fitted: frozenset[str]  # names of the model's parameters that are fitted
     stiffness: Float  # of the shaft at each coordinate, N/m
     inertia: Float  # likewise, kg
@@ -110,15 +110,15 @@ class _Rig:
         thetas, model = problem.space.theta(x), problem.space.model
         blocks = tuple(problem.responses)
         motions = (Motion(block=block, theta=thetas) for block in problem.blocks)
-        linear = tuple(motion.linear for motion in motions if motion.linear is not None)
+        circular = tuple(motion.circular for motion in motions if motion.circular is not None)
         top = max((float(np.abs(b.frequency).max()) for b in blocks), default=0.0)
-        stiffness, inertia = _shaft(model, thetas[0], top) if linear else (np.zeros(0), np.zeros(0))
+        stiffness, inertia = _shaft(model, thetas[0], top) if circular else (np.zeros(0), np.zeros(0))
         return cls(
             problem=problem,
             model=model,
             thetas=thetas,
             blocks=blocks,
-            linear=linear,
+            circular=circular,
             fitted=frozenset(problem.space.base),
             stiffness=stiffness,
             inertia=inertia,
@@ -148,7 +148,7 @@ class _Rig:
     @cached_property
     def turning(self) -> bool:
         """True for rotors in z = x + jy, whose causes act on the rotor too."""
-        return self.model.frame == "z" and all(c.axis == "z" for c in self.model.coordinates) and bool(self.linear)
+        return self.model.frame == "z" and all(c.axis == "z" for c in self.model.coordinates) and bool(self.circular)
 
     def causes(self) -> Iterator[Cause]:
         """All causes that these tests and this model may have."""
@@ -308,7 +308,7 @@ class _Rig:
         if len(self.model.planes) < 2:
             return
         stiffness = float(np.median(self.stiffness))
-        speed = max((float(b.speed.max()) for b in self.linear), default=0.0) or self.top
+        speed = max((float(b.speed.max()) for b in self.circular), default=0.0) or self.top
         words = {"c": "damper", "g": "gyro"}
         for term in terms_left_out(self.model):
             symbol, _, where = term.name.partition("[")
@@ -338,7 +338,7 @@ class _Rig:
         """Values of the fluid that change with speed and along a sweep, speeds that are off, and a force that lags."""
         model, names = self.model, set(self.model.parameter_names)
         seats = fluid_coordinates(model)
-        tests = self.linear or self.blocks
+        tests = self.circular or self.blocks
         speeds = np.unique(np.abs(np.concatenate([b.set_speed for b in tests])))
         start_ups = all(once_per_turn(b.frequency, b.speed).all() for b in tests)
         if model.speed_dependent and speeds.any() and not start_ups:
@@ -388,7 +388,7 @@ class _Rig:
             yield _cause(f"rest[{plane}]", meaning, rest, SIZES["rest"], positive=True)
         has_ratio = {f"lam{ending}", f"lam_D{ending}"} & names
         lags = {f"D{ending}", f"Mf{ending}"} <= names and has_ratio and f"Mf{ending}" in self.fitted
-        if lags and self.linear:
+        if lags and self.circular and not model.eccentricity_dependent:  # whose damping is not D alone
             act_lag = Lag(entries=tuple((at, at, 1.0) for at in here), ending=ending)
             meaning = f"time by which the fluid's damping force lags, which Mf{ending} takes up"
             yield _cause(f"lag{where}", meaning, act_lag, SIZES["lag"], times=1 / self.top, unit="s", positive=True)
@@ -400,7 +400,7 @@ class _Rig:
         planes, size = [c.plane for c in self.model.coordinates], len(self.model.planes)
         if size < 2:
             return
-        read = {int(k) for b in self.linear for k in np.unique(b.coordinate)}
+        read = {int(k) for b in self.circular for k in np.unique(b.coordinate)}
         for what, places in (("probe", read), ("force", self._driven)):
             for at in sorted(place for place in places if place < size):
                 towards = at + 1 if at + 1 < size else at - 1
@@ -410,11 +410,11 @@ class _Rig:
 
     @cached_property
     def _driven(self) -> set[int]:
-        return {int(k) for b in self.linear for k in np.flatnonzero(b.force.any(axis=0))}
+        return {int(k) for b in self.circular for k in np.flatnonzero(b.force.any(axis=0))}
 
     def _beyond(self) -> Iterator[Cause]:
         """Motion at the force's own plane by modes above the band."""
-        speed = float(np.mean(np.concatenate([b.speed for b in self.linear])))
+        speed = float(np.mean(np.concatenate([b.speed for b in self.circular])))
         low = 1e-3 * self.top
         H = self.model.receptance(self.thetas[0], np.array([low]), speed)[0]
         seats = fluid_coordinates(self.model)
