@@ -180,7 +180,7 @@ def _nonlinear_guess(problem: Problem) -> Start:
         if found.cost < noise_limit(problem):
             return Start(x=found.x[:size], kind=SHORT_FIT)
     random = full_vector(problem, _explicit_multistart(explicit_with_sense(explicit)))
-    cost = _cost(problem, random)
+    cost = _cost(problem, random[:size])
     if found is not None and found.cost <= cost:
         return Start(x=found.x[:size], kind=SHORT_FIT)
     explained = 2 * cost < _EXPLICIT_MISFIT * problem.n_data

@@ -236,6 +236,17 @@ def test_closed_form_says_that_there_is_none(model: OneMode, swept: Experiment) 
         rf.closed_form(model, swept)
 
 
+def test_readings_that_no_law_explains_are_fitted_with_phase_offsets_too(model: OneMode) -> None:
+    """No closed form and no short fit comes near them: random starts take the offsets along."""
+    exact = sweep(ONE_MODE, levels=(2.0, 8.0), lines=20)
+    place = np.abs(exact.frequency) / np.abs(exact.frequency).max()
+    fit = plain_fit(
+        model, replace(exact, response=exact.response * (1 - 0.5 * np.sin(4 * place) ** 2)), phase_offsets=True
+    )
+    assert fit.model_limited
+    assert any(name.startswith("phase[") for name in fit.params)
+
+
 def test_orbits_beyond_the_clearance_are_refused(swept: Experiment) -> None:
     with refuses(ValueError):
         plain_fit(OneMode(law=Muszynska(), clearance_um=50.0), swept)
