@@ -22,7 +22,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 from reporting import RESULTS, environment, table
-from rigs import RIGS, Rig
+from rigs import RIGS
 
 import rotorfit as rf
 from rotorfit.base.array_types import Float
@@ -80,7 +80,8 @@ def situations() -> list[Situation]:
         of("noise in proportion to each reading, 3 %, not told", 100, 1e-9, _proportional),
         of("a plane without a probe: the disk", 100, 0.01, _journal_alone),
         of("forced at the journal alone", 100, 0.01, _forced_at_journal),
-        _free_beta(),
+        _free_factors("a factor of a probe free (beta2)", {"outboard": 0.95}, ()),
+        _free_factors("a gain of all probes free, a disk weighed", {"inboard": 0.95, "outboard": 0.95}, ("M1",)),
         _law(),
         of("gains of 1 %, speeds of 0.2 % off", 100, 0.003, _with_causes, caused=True),
     ]
@@ -112,18 +113,20 @@ def _with_causes(test: rf.PerturbationTest, rng: np.random.Generator) -> rf.Pert
     )
 
 
-def _free_beta() -> Situation:
+def _free_factors(name: str, factor: Mapping[str, float], told: Sequence[str]) -> Situation:
+    """Probes that read low, their factors fitted; what is told fixes the scale where all of them are."""
     two = RIGS["two-disk"]
-    rig = Rig(TwoDisk(), {**two.truth, "beta2": 0.95}, two.speeds)
-    factor = {"inboard": 1.0, "outboard": 0.95}
+    names = {plane: f"beta{place}" for place, plane in enumerate(two.model.planes, 1)}
+    truth = {**two.truth, **{names[plane]: value for plane, value in factor.items()}}
 
     def made(rng: np.random.Generator) -> rf.PerturbationTest:
         test = two.test(100, 0.01, rng)
-        scale = np.array([factor[plane] for plane in test.plane.tolist()])
+        scale = np.array([factor.get(plane, 1.0) for plane in test.plane.tolist()])
         return replace(test, response=scale * test.response, sigma=scale * test.sigma)
 
-    known: dict[str, float | None] = {"beta1": 1.0, "beta2": None}
-    return Situation(name="a factor of a probe free (beta2)", model=rig.model, truth=rig.truth, made=made, known=known)
+    known: dict[str, float | None] = {beta: None if plane in factor else 1.0 for plane, beta in names.items()}
+    known |= {parameter: truth[parameter] for parameter in told}
+    return Situation(name=name, model=TwoDisk(), truth=truth, made=made, known=known)
 
 
 LAW_RIG = OneMode(law=Muszynska(), clearance_um=200)
@@ -218,7 +221,7 @@ def pay_table(rows: Sequence[Pay], command: str) -> str:
         "act, through `rf.fit` with its causes too. RMSE over that of the optimised estimate, median over the "
         "parameters and, in brackets, the worst; how many of the estimator's own 95 % intervals hold the truth; "
         "processor time of an estimate with its errors, ms; draws without an estimate. The rotor is whirl-whip, that "
-        "of the law one-mode, that of the factor two-disk.",
+        "of the law one-mode, that of the factors two-disk.",
         "",
         *table(["test", "estimator", "RMSE", "covered", "ms", "none"], cells),
     ]

@@ -323,3 +323,29 @@ def test_refine_tries_factors_of_probes_before_blocks(plane: str) -> None:
         assert low < true < high, name
     plain = rf.refine(of_benchmark("chain of three", 1, "")[0])
     assert "factor of the probe" not in str(plain)
+
+
+@pytest.mark.parametrize("at", ["disk", "journal"])
+def test_sigma_and_the_factor_of_a_probe_are_one_thing_to_the_data(at: str) -> None:
+    """Both solutions give the same readings, and a fit says that it cannot tell; a known sigma tells the factor."""
+    model, low = rf.models.WhirlWhip(betas=True), 0.95
+    own = ("Md", "Ds", "K1", "K2") if at == "disk" else ("Mb", "K0", "D", "Mf", "K3")
+    beta, sigma = ("beta1", low) if at == "disk" else ("beta2", 1 / low)
+    one = {name: TRUE[name] for name in model.parameter_names} | {"sigma": 1.0, "beta1": 1.0, "beta2": 1.0, beta: low}
+    other = one | {name: one[name] / low for name in own} | {"sigma": sigma, beta: 1.0}
+
+    def read(values: dict[str, float]) -> ComplexArray:
+        motion = model.receptance(model.vector(values), np.linspace(-250.0, 250.0, 40), 120.0)
+        return motion * np.array([values["beta1"], values["beta2"]])[:, None]
+
+    np.testing.assert_allclose(read(one), read(other), rtol=1e-11)
+    rpm = np.r_[-2400:-200:200, 200:2401:200].tolist()
+    forces = {"speed_rpm": [900, 1500], "frequency_rpm": rpm, "force": 2.0, "planes": ["disk", "journal"]}
+    test = rf.simulate(model, one, **forces, noise=0.003, seed=1, exact=True)
+    known = {"K3": one["K3"], beta: None}
+    both = rf.fit(model, test, known=known, causes=None)
+    told = rf.fit(model, test, known={**known, "sigma": 1.0}, causes=None)
+    assert abs(told.params[beta].value - low) < 4 * told.params[beta].stderr < 0.01
+    if at == "disk":  # K3 is known: at the journal it tells the factor
+        assert not both.params["sigma"].determined
+        assert not both.params[beta].determined
