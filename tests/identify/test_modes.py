@@ -146,3 +146,29 @@ def test_shapes_are_compared(fit: rf.FitResult) -> None:
         modes.mac({"outboard": [1.0]})
     with refuses(KeyError):
         fit.modes(normalise="middle")
+
+
+def test_the_half_power_bandwidth_is_that_of_the_readings_wherever_the_lines_are() -> None:
+    """On 120 lines, two or three to the bandwidth of the first mode, and with causes, which change no reading."""
+    model, force = TwoDisk(), 5.0
+    p = {"M1": 0.73, "M2": 0.79, "K1": 18900.0, "K2": 63700.0, "K3": 22600.0}
+    p |= {"D11": 14.2, "D12": 7.0, "D21": 7.0, "D22": 14.8}
+    mass, springs = (
+        np.diag([p["M1"], p["M2"]]),
+        np.array([[p["K1"] + p["K2"], -p["K2"]], [-p["K2"], p["K2"] + p["K3"]]]),
+    )
+    dampers, rng = np.array([[p["D11"], -p["D12"]], [-p["D21"], p["D22"]]]), np.random.default_rng(5)
+    motion_by_state = np.hstack([-np.linalg.solve(mass, springs), -np.linalg.solve(mass, dampers)])
+    poles = np.linalg.eigvals(np.vstack([np.eye(4)[2:], motion_by_state]))
+    zeta = np.sort(-poles.real[poles.imag > 0] / np.abs(poles[poles.imag > 0]))
+    for begin in (15.0, 25.0, 37.0):
+        w = np.linspace(begin, 520.0, 120)
+        motion = np.array([np.linalg.solve(springs - v**2 * mass + 1j * v * dampers, [force, 0.0]) for v in w]).T
+        sigma = 0.002 * np.sqrt(np.mean(np.abs(motion) ** 2, axis=1, keepdims=True)) * np.ones(w.size)
+        motion = motion + sigma * (rng.normal(size=(2, *motion.shape)).transpose(1, 2, 0) @ [1, 1j])
+        test = rf.perturbation_test(
+            run="a", speed=100.0, frequency=np.tile(w, 2), force_plane=model.planes[0], force=force,
+            plane=np.repeat(model.planes, w.size), direction="z", response=motion.ravel(), sigma=sigma.ravel(),
+        )  # fmt: skip
+        modes = rf.fit(model, test).modes()
+        np.testing.assert_allclose([mode.half_power for mode in modes], zeta, rtol=0.05)  # the other mode adds to each

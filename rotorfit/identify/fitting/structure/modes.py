@@ -16,6 +16,7 @@ from rotorfit.base.names import unknown_name
 from rotorfit.base.text_table import Table, Tabled
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.fitting.causes.slopes import eigenvalue_slopes
+from rotorfit.identify.fitting.causes.solution import shifted
 from rotorfit.identify.fitting.propagation import propagated, theta_at
 from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult
@@ -357,8 +358,10 @@ def _shift(fit: FitResult, by_causes: Mapping[int, Float], row: int) -> float:
 
 
 def _measured(fit: FitResult) -> Iterator[tuple[Float, Float]]:
-    """Signed frequencies, ascending, and sizes of each measured response per unit force."""
-    for base in fit.problem.responses:
+    """Signed frequencies, ascending, and sizes of each measured response per unit force, causes and all."""
+    solved = fit.settings.solved
+    problem = fit.problem if solved is None else shifted(fit.problem, [-part for part in solved.shift])
+    for base in problem.responses:
         if base.imposed:
             continue
         drive = np.abs(base.force).max(axis=1)[base.line]
