@@ -394,6 +394,19 @@ def test_sheets_of_probes_that_nothing_names_are_refused(tmp_path: Path, points:
         read(tmp_path / "a.xlsx")
 
 
+def test_tables_in_sheets_that_are_not_read_are_said(tmp_path: Path) -> None:
+    workbook = Workbook()
+    sheets = [workbook.active, *(workbook.create_sheet(name) for name in ("day 2", "notes"))]
+    for sheet in sheets[:2]:
+        for row in (HEADER.split(","), *ROWS):
+            sheet.append(row)
+    sheets[2].append(["oil", "warm", "pump 3"])
+    workbook.save(tmp_path / "a.xlsx")
+    words = "a.xlsx: tables in other sheets are not read: day 2 (sheet=, --sheet)"
+    assert [one.words for one in read(tmp_path / "a.xlsx").findings] == [words]
+    assert not read(tmp_path / "a.xlsx", sheet="day 2").findings
+
+
 def test_orders_of_a_rotor_at_rest_are_no_frequencies(tmp_path: Path) -> None:
     rows = [[row[0], "0", "0.5", *row[3:]] for row in ROWS]
     (tmp_path / "a.csv").write_text(table(rows, HEADER.replace("frequency_rpm", "order")), encoding="utf-8")

@@ -31,12 +31,14 @@ Points = Mapping[str | None, tuple[str, str]]
 """Plane and direction of a probe by sheet; of a text file by None."""
 
 
-def points_above(path: str | Path | DataFrame, sheet: str | None) -> Points:
-    """The points of a file whose sheets, or which itself, are tables of one probe; nothing for others."""
+def points_above(path: str | Path | DataFrame, sheet: str | None) -> tuple[Points, list[str]]:
+    """The points of a file whose sheets, or which itself, are tables of one probe, nothing for others; and sheets of
+    tables beside the first or these."""
     if not isinstance(path, str | Path) or Path(path).suffix.lower() not in (*EXCEL, ".csv", ".txt", ".tsv"):
-        return {}
+        return {}, []
     file = Path(path)
-    titles = {name: above for name, rows in first_rows(file, sheet).items() if (above := _titles(rows)) is not None}
+    heads = first_rows(file, sheet)
+    titles = {name: above for name, rows in heads.items() if (above := _titles(rows)) is not None}
     several = len(titles) > 1
     points = {name: _point(above, (name or "") if several else "") for name, above in titles.items()}
     unnamed = [repr(name) for name, place in points.items() if place is None]
@@ -46,7 +48,14 @@ def points_above(path: str | Path | DataFrame, sheet: str | None) -> Points:
             f"{', '.join(unnamed)} are: write a line such as 'Point: DE X', its plane and x or y, above the header of "
             "each, or call the sheet so"
         )
-    return {name: place for name, place in points.items() if place is not None}
+    found = {name: place for name, place in points.items() if place is not None}
+    beside = {name: rows for name, rows in heads.items() if name not in (found or [*heads][:1])}
+    return found, [str(name) for name, rows in beside.items() if any(map(_is_header, rows))]
+
+
+def _is_header(row: Sequence[str]) -> bool:
+    few = 3  # names of quantities
+    return sum(bool(quantity_meant(cell.strip())) for cell in row) >= few
 
 
 def _titles(rows: Sequence[Sequence[str]]) -> list[list[str]] | None:

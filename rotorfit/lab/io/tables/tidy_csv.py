@@ -95,9 +95,11 @@ def read_csv(
     columns, constants = columns or {}, constants or {}
     if exported := sheet is None and isinstance(path, str | Path) and is_sample_table(Path(path)):
         table = sample_table(Path(path), columns)
-    elif not {"plane", "direction"} & set(constants) and (points := points_above(path, sheet)):
+    own = exported or bool({"plane", "direction"} & set(constants))
+    points, beside = ({}, []) if own else points_above(path, sheet)
+    if points:
         table = point_table(path, points, columns)
-    else:
+    elif not exported:
         table = read_table(
             path, sheet, lambda spelled: is_text(spelled, columns), is_unit, progress or (lambda share: None)
         )
@@ -109,6 +111,9 @@ def read_csv(
     if taken := [name for name in constants if name.lower() in table.cells]:
         raise ValueError(f"{table.source} has a column {taken[0]!r} of its own; no constant may take its place")
     table = table.with_columns({name: [str(value)] * len(table.lines) for name, value in constants.items()})
+    if beside:
+        words = f"{table.source}: tables in other sheets are not read: {', '.join(beside)} (sheet=, --sheet)"
+        table = table.noted("sheets", words)
     if exported:
         table = with_weight(table)
     else:
