@@ -407,6 +407,14 @@ def test_tables_in_sheets_that_are_not_read_are_said(tmp_path: Path) -> None:
     assert not read(tmp_path / "a.xlsx", sheet="day 2").findings
 
 
+@pytest.mark.parametrize("name", ["sigma", "Sigma", "probe_radius", "force_sigma"])
+def test_a_quantity_without_unit_is_no_attribute(tmp_path: Path, name: str) -> None:
+    """Nothing else in the table says it, so that it would be dropped silently."""
+    (tmp_path / "a.csv").write_text(table([[*row, "1"] for row in ROWS], f"{HEADER},{name}"), encoding="utf-8")
+    with pytest.raises(ValueError, match=rf"a\.csv: column '{name}' has no unit; {name.lower()}_UNIT has one of"):
+        read(tmp_path / "a.csv")
+
+
 def test_orders_of_a_rotor_at_rest_are_no_frequencies(tmp_path: Path) -> None:
     rows = [[row[0], "0", "0.5", *row[3:]] for row in ROWS]
     (tmp_path / "a.csv").write_text(table(rows, HEADER.replace("frequency_rpm", "order")), encoding="utf-8")

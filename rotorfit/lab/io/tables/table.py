@@ -373,6 +373,9 @@ def _units_of(prefix: str) -> list[str]:
 
 def _refuse_mistaken(table: Table, name: str, known: str) -> None:
     """Refuse a column that nothing asks for if it was hardly meant as an attribute of the test."""
+    if name in ("sigma", "force_sigma", "probe_radius"):  # what no column in another unit says instead
+        units = ", ".join(_units_of(name))
+        raise ValueError(f"{table.source}: column {table.names[name]!r} has no unit; {name}_UNIT has one of {units}")
     prefix = next((p for p in PREFIXES if name.startswith(p + "_")), None)
     if prefix in ("velocity", "acceleration"):  # of a flow, say, where the motion was read by other sensors
         return
