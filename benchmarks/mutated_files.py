@@ -317,6 +317,13 @@ tests = ["last_year.csv"]
 [values]
 Md = 0.95
 K1 = [12e3, 16e3]
+Ds = 4.0
+K2 = 14e3
+sigma = 1.0
+Mb = 0.7
+K0 = 9e3
+Mf = 0.4
+lam = 0.46
 D = {norm = [450.0, 50.0]}
 [design]
 speed_rpm = [600, 1000, 1400]
