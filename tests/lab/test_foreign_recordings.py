@@ -264,6 +264,19 @@ def test_a_matrix_of_hdf5_with_a_list_of_names(tmp_path: Path, where: str, turne
     np.testing.assert_array_equal(raw.channels["disk_Y"].samples(3, 90), ROWS[3:90, NAMES.index("disk_Y")])
 
 
+def test_a_table_of_hdf5_with_fields(tmp_path: Path) -> None:
+    """As PyTables, pandas and some loggers write: a field a channel, among them the times."""
+    fields = ["time", "keyphasor", "disk_X", "disk_Y", "force"]
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        table = np.rec.fromarrays([np.arange(len(ROWS)) / RATE, *ROWS.T], names=fields)
+        file.create_dataset("run/table", data=table)
+    raw = open_raw(tmp_path / "a.h5")
+    assert list(raw.channels) == fields[1:]
+    assert raw.sample_rate == pytest.approx(RATE)
+    for channel, values in zip(raw.channels.values(), ROWS.T, strict=True):
+        np.testing.assert_array_equal(channel.samples(100, 400), values[100:400])
+
+
 def test_lists_of_other_lengths_name_nothing(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["data"], file["names"], file["fs"] = ROWS, np.array(["a", "b"], dtype="S"), RATE

@@ -17,6 +17,7 @@ import rotorfit as rf
 from rotorfit.base.names import nearest, unknown_name
 from rotorfit.lab.data.experiments import FORCE_SIGMA, PerturbationTest
 from rotorfit.lab.io.files import read
+from rotorfit.lab.io.sampling import is_stamp, seconds_of
 from rotorfit.lab.recordings.formats.files import open_raw
 
 pytestmark = pytest.mark.filterwarnings("ignore::rotorfit.DataWarning")  # of what was left out
@@ -463,7 +464,8 @@ def test_a_column_order_that_is_none_of_the_speed_is_said(tmp_path: Path, factor
 
 @pytest.mark.parametrize("stamp", [
     "2024-05-06 10:00:{:09.6f}", "2024-05-06T10:00:{:09.6f}", "06.05.2024 10:00:{:09.6f}", "10:00:{:09.6f}",
-    '"5/6/2024 10:00:{:09.6f}"', "2024/05/06 10:00:{:09.6f}Z",
+    '"5/6/2024 10:00:{:09.6f}"', "2024/05/06 10:00:{:09.6f}Z", "5/6/2024 11:00:{:09.6f} PM",
+    "6-May-2024 10:00:{:09.6f}", "06 May 24 10:00:{:09.6f}", "20240506T1000{:09.6f}", "2024-05-06T10:00:{:09.6f}+02:00",
 ])  # fmt: skip
 def test_times_of_samples_may_be_dates(tmp_path: Path, stamp: str) -> None:
     rows = [f"{stamp.format(k / 2000)},{-10 + k % 3},{-9 - k % 4}" for k in range(300)]
@@ -472,6 +474,20 @@ def test_times_of_samples_may_be_dates(tmp_path: Path, stamp: str) -> None:
     assert list(raw.channels) == ["disk_X [V]", "disk_Y [V]"]
     assert raw.sample_rate == pytest.approx(2000, rel=1e-6)
     np.testing.assert_array_equal(raw.channels["disk_X [V]"].samples(0, 4), [-10, -9, -8, -10])
+
+
+@pytest.mark.parametrize("day", [45418.25, 739378.25])
+def test_times_of_samples_may_be_days_of_a_spreadsheet(tmp_path: Path, day: float) -> None:
+    rows = [f"{day + k / 2000 / 86400:.11f},{-10 + k % 3},{-9 - k % 4}" for k in range(300)]
+    (tmp_path / "a.csv").write_text("\n".join(["Time,disk_X [V],disk_Y [V]", *rows]), encoding="utf-8")
+    assert open_raw(tmp_path / "a.csv").sample_rate == pytest.approx(2000, rel=1e-3)
+
+
+def test_a_day_counts_twelve_hours_twice() -> None:
+    stamps = [f"5/6/2024 {hour}" for hour in ("12:00:00 AM", "11:59:59.5 a.m.", "12:00:00 PM", "11:59:59 pm")]
+    begin = seconds_of("5/6/2024 0:00:00")
+    assert [seconds_of(stamp) - begin for stamp in stamps] == [0, 43199.5, 43200, 86399]
+    assert not any(map(is_stamp, ("123456", "20240506", "1.5", "12:30", "2024-05-06")))
 
 
 # ---- numbers that are none ---------------------------------------------------------------------------------------

@@ -56,7 +56,9 @@ def open_raw(path: str | Path) -> RawFile:
         for rate in (raw.sample_rate, channel.sample_rate):
             if rate is not None and not 0 < rate <= FASTEST:
                 whose = f"{file.name}: {channel.name}"
-                raise ValueError(f"{whose} has a sampling rate of {rate:.6g} Hz; allowed is {FASTEST:g}")
+                raise ValueError(
+                    f"{whose} has a sampling rate of {rate:.6g} Hz; allowed is more than 0, up to {FASTEST:g} Hz"
+                )
         if not (np.isfinite(channel.offset) and np.isfinite(channel.volts_per_count or 1.0)):
             raise ValueError(f"{file.name}: the scale of {channel.name} is not a finite number")
     said = {shown(name): shown(value) if isinstance(value, str) else value for name, value in raw.attributes.items()}

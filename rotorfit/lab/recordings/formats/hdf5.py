@@ -2,8 +2,8 @@
 
 A dataset may say ``volts_per_count`` and ``offset_V``, its ``unit``, its rate (``sample_rate_hz``, ``fs``) or step
 (``dt``, ``wf_increment``); a dataset ``time`` gives it too. A group of one dataset a channel is what most loggers
-write; of a matrix each column is one, called as a list of as many names beside it or among its attributes says. Single
-numbers and texts beside signals are attributes too.
+write; of a matrix each column is one, called as a list of as many names beside it or among its attributes says, and of
+a table each field. Single numbers and texts beside signals are attributes too.
 """
 
 from __future__ import annotations
@@ -33,13 +33,22 @@ def open_file(path: Path) -> RawFile:
         elif isinstance(item, h5py.Dataset) and item.ndim == 1 and item.dtype.kind in "SO":
             lists.setdefault(name.rpartition("/")[0], []).append(_words(item[()]))
 
+    def times(name: str, values: Any, factor: float) -> None:
+        rates.append(rate_of_times(np.asarray(values, dtype=float) * factor, f"{path.name}, {name}"))
+
     def visit(name: str, item: Any) -> None:
+        group, _, base = name.rpartition("/")
+        if isinstance(item, h5py.Dataset) and item.dtype.names and item.ndim == 1 and item.size >= FEWEST:
+            for field in [one for one in item.dtype.names if item.dtype[one].kind in "iuf"]:
+                if (factor := time_factor(field)) is not None:
+                    times(f"{name}.{field}", item[field], factor)
+                else:
+                    found.extend((group, one) for one in RawArray.in_hdf5(path, item, field).channels([field]))
         if not (isinstance(item, h5py.Dataset) and item.dtype.kind in "iuf"):
             return
-        group, _, base = name.rpartition("/")
         array, factor = RawArray.in_hdf5(path, item), time_factor(base)
         if factor is not None and item.ndim == 1 and item.size >= FEWEST:
-            rates.append(rate_of_times(np.asarray(item, dtype=float) * factor, f"{path.name}, {name}"))
+            times(name, item, factor)
         elif array.size >= FEWEST and item.ndim <= 2:
             said = plain(item.attrs)
             scale = said.get("volts_per_count")

@@ -66,17 +66,18 @@ class RawArray:
         return cls(shape=values.shape, dtype=values.dtype, read=values.__getitem__)
 
     @classmethod
-    def in_hdf5(cls, path: Path, item: Any) -> RawArray:
-        """A dataset of an HDF5 file, which is opened for each piece."""
+    def in_hdf5(cls, path: Path, item: Any, field: str | None = None) -> RawArray:
+        """A dataset of an HDF5 file, or a field of a table there, which is opened for each piece."""
         import h5py
 
         name = item.name
 
         def read(index: Any) -> NDArray[Any]:
             with h5py.File(path, "r") as file:
-                return np.asarray(file[name][index])
+                piece = np.asarray(file[name][index])
+                return piece if field is None else piece[field]
 
-        return cls(shape=tuple(item.shape), dtype=item.dtype, read=read)
+        return cls(shape=tuple(item.shape), dtype=item.dtype if field is None else item.dtype[field], read=read)
 
     @property
     def size(self) -> int:
