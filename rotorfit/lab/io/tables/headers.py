@@ -198,7 +198,7 @@ _DIRECTIONS = ("x", "y", "z", "rx", "ry")
 _OTHER_DIRECTIONS = ("h", "v", "horizontal", "vertical", "left", "right")
 _BESIDE = ("direct", "overall", "gap", "bias")
 """Words for what monitors give beside the 1x vector of a probe: attributes of the test."""
-_ORDERS = ("frequency_order", "frequency_orders", "frequency_x", "frequency_ratio", "order", "orders")
+_ORDERS = ("frequency_order", "order_x", "frequency_orders", "frequency_x", "frequency_ratio", "order", "orders")
 _NO_MOTION = ("v", "mv", "volt", "volts", "vdc", "mm_s", "in_s", "g", "n", "c", "f", "bar", "kpa", "psi")
 """Units of what stands in columns that are named after a probe, but is no reading of its vibration."""
 

@@ -55,8 +55,8 @@ def open_raw(path: str | Path) -> RawFile:
     for channel in channels.values():
         for rate in (raw.sample_rate, channel.sample_rate):
             if rate is not None and not 0 < rate <= FASTEST:
-                whose = f"{file.name}: {channel.name}"
-                raise ValueError(
+                whose = f"{file.name}: {channel.name} has a sampling rate of {rate:.6g} Hz"
+                raise ValueError(f"{whose}; allowed is more than 0, up to {FASTEST:g} Hz")
                     f"{whose} has a sampling rate of {rate:.6g} Hz; allowed is more than 0, up to {FASTEST:g} Hz"
                 )
         if not (np.isfinite(channel.offset) and np.isfinite(channel.volts_per_count or 1.0)):
