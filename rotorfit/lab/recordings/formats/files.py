@@ -57,8 +57,6 @@ def open_raw(path: str | Path) -> RawFile:
             if rate is not None and not 0 < rate <= FASTEST:
                 whose = f"{file.name}: {channel.name} has a sampling rate of {rate:.6g} Hz"
                 raise ValueError(f"{whose}; allowed is more than 0, up to {FASTEST:g} Hz")
-                    f"{whose} has a sampling rate of {rate:.6g} Hz; allowed is more than 0, up to {FASTEST:g} Hz"
-                )
         if not (np.isfinite(channel.offset) and np.isfinite(channel.volts_per_count or 1.0)):
             raise ValueError(f"{file.name}: the scale of {channel.name} is not a finite number")
     said = {shown(name): shown(value) if isinstance(value, str) else value for name, value in raw.attributes.items()}
