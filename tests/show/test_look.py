@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drawn import faults_of, title_of
+from line_tests import ALL, TORSION, VALUES, line_test
 from plain import plain_fit
 from synthetic import circular_test, covering_frequencies
 
 import rotorfit as rf
 from rotorfit.show.plots import style
+from rotorfit.show.plots.figure_table import first_figures
 from rotorfit.show.plots.run_up_figure import plot_levels, plot_weights
 
 SOURCE = Path(rf.__file__).parent
@@ -75,6 +77,15 @@ def test_figures_of_balancing_and_campaigns_can_be_read() -> None:
     runs = rf.campaign(rf.models.WhirlWhip(), rf.datasets.rig_lumped(), split="speed_rpm", known={"K3": 6000.0})
     drawn["trends"] = runs.plot.trends(["K0", "D", "lam"], against="speed_rpm")
     assert {name: faults for name, one in drawn.items() if (faults := faults_of(one))} == {}
+
+
+def test_figures_of_uneven_shafts_can_be_read() -> None:
+    model = rf.models.AnisotropicShaft()
+    fit = plain_fit(model, line_test(model, VALUES | TORSION, ALL, np.random.default_rng(3), steady=("1x", "2x")))
+    drawn = {name: getattr(fit.plot, name)() for name in ("lines", "line", "growth", "line_misfit", "stability")}
+    assert {name: faults for name, one in drawn.items() if (faults := faults_of(one))} == {}
+    assert first_figures(fit, good=True)[0] == first_figures(fit, good=False)[0]
+    assert "The shaft is not round: its stiffness varies by" in fit.summary()
 
 
 def test_the_budget_can_be_read() -> None:

@@ -22,7 +22,7 @@ from rotorfit.base.digits import significant
 from rotorfit.estimators.inference.covariance import standard_error
 from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.result import FitResult
-from rotorfit.models import RotorModel, unstable_bands
+from rotorfit.models import RotorModel, eigenvalues, unstable_bands
 from rotorfit.models.motion.stability import growing_bands
 
 _FAR = 12.0
@@ -152,6 +152,12 @@ def _critical_table(level: float) -> tuple[Float, Float]:
 def unstable_speeds(model: RotorModel, theta: Float, top: float) -> list[tuple[float, float]]:
     """Ranges of speed up to ``top``, rad/s, in which a shaft that is not round runs away, or its motion grows."""
     return (growing_bands if model.line_count > 2 else unstable_bands)(model, theta, top)
+
+
+def searched_speed(fit: FitResult) -> float:
+    """Speed, rad/s, up to which a shaft that is not round is looked at: past its resonance and the tests."""
+    critical = float(np.abs(eigenvalues(fit.model, fit.theta(), 0.0)).max())
+    return 1.15 * max(1.5 * critical, *(float(np.max(e.speed)) for e in fit.experiments))
 
 
 def lines_cut_off(fit: FitResult) -> tuple[float, float]:

@@ -16,6 +16,7 @@ import numpy as np
 
 from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S
+from rotorfit.identify.fitting.anisotropy import searched_speed, unstable_speeds
 from rotorfit.identify.fitting.causes.table import noun_of
 from rotorfit.identify.fitting.noise.record import NoiseVerdict
 from rotorfit.identify.fitting.noise.residual_study import VERDICTS
@@ -370,12 +371,29 @@ def _said_of(fit: FitResult, numbers: Sequence[KeyNumber]) -> Iterator[str]:
             yield f"and damps faster whirl, at {row.condition}."
         return
     first = numbers[0] if numbers else None
+    if "dK" in by_name:
+        yield from _uneven(fit, by_name.get("dK/K", by_name["dK"]))
     if first is not None and first.meaning == "natural frequency":
         told = [number.shown.value for number in numbers if number.meaning == first.meaning]
         yield f"Resonance at {both(told)} rpm."
     if first is None or not first.name.startswith("threshold speed"):
         return
     yield from _stability(fit, first)
+
+
+def _uneven(fit: FitResult, share: KeyNumber) -> Iterator[str]:
+    """Whether a shaft is round, and where it runs away if it is not."""
+    if fit.turning_anisotropy().significant:
+        yield f"The shaft is not round: its stiffness varies by {share.shown} either way as it turns."
+    else:
+        yield "A round shaft is not ruled out."
+    top = searched_speed(fit)
+    bands = [
+        f"{significant(low * RPM_PER_RAD_S, 4)} to {significant(high * RPM_PER_RAD_S, 4)} rpm"
+        for low, high in unstable_speeds(fit.model, fit.theta(), top)
+    ]
+    end = significant(top * RPM_PER_RAD_S, 3)
+    yield f"Unstable at {both(bands)}." if bands else f"Stable up to {end} rpm."
 
 
 def _stability(fit: FitResult, threshold: KeyNumber) -> Iterator[str]:

@@ -411,15 +411,20 @@ def _limits(pair: tuple[Any, ...], factor: float, curves: Sequence[_Line], point
     sigma = factor * np.concatenate([np.zeros(0), *(p.sigma for p in points)])
     least = 6 * float(np.quantile(sigma, 0.25)) if sigma.size else 0.0  # of readings that tell it well
     for axis in dict.fromkeys(pair):
-        ends = [
-            factor * (value + side * half)
+        drawn = [
+            (line.kappa.imag, line.quadrature) if number else (line.kappa.real, line.direct)
             for own, number in zip(pair, (0, 1), strict=True)
             if own is axis
             for line in curves
-            for value, half in [(line.kappa.imag, line.quadrature) if number else (line.kappa.real, line.direct)]
-            for side in (-1.5, 1.5)  # a band that filled the panel would not be seen as one
         ]
+        alone = [value for value, _ in drawn]
+        # a band that filled the panel would not be seen as one
+        ends = [factor * (value + side * half) for value, half in drawn for side in (-1.5, 1.5)]
+        fitted = np.concatenate([factor * value for value in alone])
         both = np.concatenate(ends)
+        if np.ptp(fitted) > least:  # a band of what is hardly determined leaves room for the fit
+            beyond = 0.6 * np.ptp(fitted)
+            both = np.clip(both, fitted.min() - beyond, fitted.max() + beyond)
         low, high = float(both.min()), float(both.max())
         reach = max(high - low, least, 1e-6 * factor * size) or 1.0
         middle, half = (low + high) / 2, reach * (0.5 + 0.12)

@@ -91,7 +91,8 @@ FIGURES: tuple[ReportFigure, ...] = (
     ReportFigure(
         "Spectral lines",
         "lines",
-        "Lines per unit of force. Points: measured ± σ. Lines: fit. A line at w has its image at 2 Om − w.",
+        "Lines per unit of force. Points: measured, paler where less certain. Lines: fit. A line at w has its image at "
+        "2 Om − w.",
         {"spectral lines"},
     ),
     ReportFigure(
@@ -145,6 +146,10 @@ def first_figures(fit: FitResult, *, good: bool) -> list[tuple[str, str]]:
     kinds = {kind for block in fit.problem.blocks for kind in _kinds(block)}
     of_seal, changes = "coefficients" in leads_of(fit), fit.model.speed_dependent and not fit.model.turns
     found = []
+    if "spectral lines" in kinds:
+        line = ("line", "A line of the shaft's motion against frequency")
+        growth = ("growth", "Growth rate of the least damped mode against speed")
+        return [line, growth if good else ("line_misfit", "Residuals over their noise against frequency")]
     if "responses" in kinds and not of_seal and not changes:
         found.append(("largest_response", "Amplitude of the largest response against frequency"))
     if kinds & {"orbits", "loads", "impulses"}:

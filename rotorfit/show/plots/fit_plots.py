@@ -20,7 +20,7 @@ from rotorfit.show.plots.figure_table import figures_of
 from rotorfit.show.plots.modal import plot_mode_shapes, plot_stabilisation
 from rotorfit.show.plots.operating import plot_spectra, plot_spectrum
 from rotorfit.show.plots.responses import plot_largest_response, plot_misfit, plot_polar, plot_residuals
-from rotorfit.show.plots.shaft_lines import plot_lines
+from rotorfit.show.plots.shaft_lines import plot_growth, plot_line, plot_line_misfit, plot_lines
 from rotorfit.show.plots.stability import plot_damping, plot_stability
 from rotorfit.show.plots.static_and_impulse import plot_static_locus, plot_static_stiffness, plot_velocity_ratio
 
@@ -118,6 +118,18 @@ class FitPlots:
     def lines(self, **look: Unpack[PlotKeywords]) -> Figure:
         """Lines of an uneven shaft and its twist against frequency; ``ax`` and ``unit`` as for :meth:`bode`."""
         return plot_lines(self._fit, **look)
+
+    def line(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """The line that an uneven shaft adds, with its fit, in one panel; ``ax`` and ``unit`` as for :meth:`bode`."""
+        return plot_line(self._fit, **look)
+
+    def growth(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Growth rate of an uneven shaft's least damped mode; ``ax`` and ``unit`` as for :meth:`bode`."""
+        return plot_growth(self._fit, **look)
+
+    def line_misfit(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Residuals of all lines over their noise; ``ax`` and ``unit`` as for :meth:`bode`."""
+        return plot_line_misfit(self._fit, **look)
 
     def spectra(self, **look: Unpack[PlotKeywords]) -> Figure:
         """Two-sided spectra of a machine in operation, forward and backward, with those of the fit and its decrements.

@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 
 from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.estimators.blocks.shaft_lines import LineResponses, PairResponses, is_image_line
-from rotorfit.identify.fitting.anisotropy import unstable_speeds
+from rotorfit.identify.fitting.anisotropy import searched_speed, unstable_speeds
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.lab.kinds.line_test import LineTest
 from rotorfit.models import eigenvalues
@@ -53,7 +53,7 @@ def plot_lines(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     kinds = list(dict.fromkeys(c.title for c in curves))
     speeds = sorted({c.speed for c in curves if not np.isnan(c.speed)})
     per_force = ", per unit of force" if speeds else ""
-    figure, axes = sheet.grid(len(kinds), 2, f"Lines of the shaft{per_force}", size=(3.54, 1.9))
+    figure, axes = sheet.grid(len(kinds), 2, f"{rig_of(fit)}: lines of the shaft{per_force}", size=(3.54, 1.9))
     for (size, phase), kind in zip(axes, kinds, strict=True):
         own = [c for c in curves if c.title == kind]
         factor, name = style.prefix(np.concatenate([np.abs(c.fitted) for c in own]), own[0].unit)
@@ -75,11 +75,11 @@ def plot_lines(fit: FitResult, *, sheet: style.Sheet) -> Figure:
                 axis.set_xlabel(words, fontsize=style.SMALL_TYPE)
     point = {"marker": "o", "ms": 3, "ls": ""}
     entries: dict[str, Any] = {
-        f"measured ± σ at {name}": {**look, **point}
+        f"measured at {name}": {**look, **point}
         for name, look in style.in_colours([sheet.rate_words(v) for v in speeds]).items()
     }
     if any(np.isnan(c.speed) for c in curves):
-        entries["measured ± σ, start-up"] = point
+        entries["measured, start-up"] = point
     style.legend_below(figure, entries | {"fit": {"color": style.INK, "lw": 0.9}})
     return figure
 
@@ -156,31 +156,25 @@ def _kinds(fit: FitResult, block: LineResponses | PairResponses) -> Iterator[tup
         yield f"{planes[place % n]} at {block.line[rows[0]]}\nforce at {planes[drive]}", rows
 
 
+def _points(axis: Any, x: Float, y: Float, curve: _Curve, colour: str) -> None:
+    """Readings, paler where less certain; none whose error exceeds half of it."""
+    shade = style.shades(colour, style.opacity_of(curve.sigma / np.abs(curve.fitted)))
+    shown = shade[:, 3] > 0
+    axis.scatter(x[shown], y[shown], s=6, c=shade[shown], linewidths=0, zorder=2.1)
+
+
 def _draw(sheet: style.Sheet, size: Any, phase: Any, curve: _Curve, factor: float, colour: str) -> None:
     rpm = curve.frequency * sheet.per_rad_s
-    drawn_as = {"color": colour, "ms": 2.2, "lw": 0, "elinewidth": 0.5, "fmt": "o", "alpha": 0.7}
-    size.errorbar(rpm, np.abs(curve.measured) * factor, curve.sigma * factor, **drawn_as)
+    _points(size, rpm, np.abs(curve.measured) * factor, curve, colour)
     fine = curve.fine * sheet.per_rad_s
     size.plot(fine, np.abs(curve.line_fitted) * factor, color=style.INK, lw=0.9, zorder=3)
-    sure = curve.sigma < np.abs(curve.fitted)  # a reading with a larger error has no phase worth showing
-    error = np.degrees(curve.sigma / np.abs(curve.fitted))
-    phase.errorbar(rpm[sure], np.degrees(np.angle(curve.measured[sure])), error[sure], **drawn_as)
+    _points(phase, rpm, np.degrees(np.angle(curve.measured)), curve, colour)
     phase.plot(fine, broken_phase(curve.line_fitted), color=style.INK, lw=0.9, zorder=3)
 
 
 def turning_stability(sheet: style.Sheet, fit: FitResult) -> Figure:
     """Growth rate and whirl frequency of a shaft that is not round against rotative speed, unstable bands shaded."""
-    model, theta = fit.model, fit.theta()
-    if not model.turns:
-        raise ValueError(f"{model.name} does not turn its stiffness")
-    critical = float(np.abs(eigenvalues(model, theta, 0.0)).max())
-    ends = [float(end) for e in fit.experiments for end in (np.min(e.speed), np.max(e.speed))]
-    top = 1.15 * max(1.5 * critical, *ends)
-    tested = fit.speeds.tolist() or [min(ends), max(ends)]  # of a sweep
-    bands = unstable_speeds(model, theta, top)
-    edges = [speed for band in bands for speed in band]
-    speeds = np.unique(np.concatenate([np.linspace(0.0, top, 600), *(v * np.linspace(0.99, 1.01, 41) for v in edges)]))
-    s = eigenvalues(model, np.broadcast_to(theta, (speeds.size, theta.size)), speeds)
+    speeds, s, bands = _turning_modes(fit)
     figure, axes = sheet.grid(1, 2, f"{rig_of(fit)}: stability over speed", size=(3.54, 2.8))
     growth, whirl = axes[0]
     rpm = speeds * sheet.per_rad_s
@@ -194,9 +188,8 @@ def turning_stability(sheet: style.Sheet, fit: FitResult) -> Figure:
     for axis in axes[0]:
         axis.set_xlabel(f"rotative speed, {sheet.rate_unit}")
         axis.set_xlim(0, rpm[-1])
-        for low, high in bands:
-            axis.axvspan(low * sheet.per_rad_s, high * sheet.per_rad_s, color=style.CRITICAL, alpha=0.2, lw=0)
-        mark_speeds(sheet, axis, tested)
+        _mark_bands(sheet, axis, bands)
+        mark_speeds(sheet, axis, _tested(fit))
     ranges = ", ".join(f"{low * sheet.per_rad_s:.0f} to {sheet.rate_words(high)}" for low, high in bands)
     entries: dict[str, Any] = {
         "lateral modes and their images": {"color": style.COLOURS[0], "lw": 1.3},
@@ -206,6 +199,78 @@ def turning_stability(sheet: style.Sheet, fit: FitResult) -> Figure:
     style.legend_below(
         figure, entries | ({f"unstable, {ranges}": Patch(color=style.CRITICAL, alpha=0.2)} if bands else {})
     )
+    return figure
+
+
+def _turning_modes(fit: FitResult) -> tuple[Float, ComplexArray, list[tuple[float, float]]]:
+    """Speeds, finer about the ends of unstable bands; the eigenvalues there; and these bands."""
+    model, theta = fit.model, fit.theta()
+    if not model.turns:
+        raise ValueError(f"{model.name} does not turn its stiffness")
+    top = searched_speed(fit)
+    bands = unstable_speeds(model, theta, top)
+    edges = [speed for band in bands for speed in band]
+    speeds = np.unique(np.concatenate([np.linspace(0.0, top, 600), *(v * np.linspace(0.99, 1.01, 41) for v in edges)]))
+    return speeds, eigenvalues(model, np.broadcast_to(theta, (speeds.size, theta.size)), speeds), bands
+
+
+def _tested(fit: FitResult) -> list[float]:
+    """Tested speeds, rad/s, of a sweep its ends."""
+    ends = [float(end) for e in fit.experiments for end in (np.min(e.speed), np.max(e.speed))]
+    return fit.speeds.tolist() or [min(ends), max(ends)]
+
+
+def _mark_bands(sheet: style.Sheet, axis: Any, bands: Iterable[tuple[float, float]]) -> None:
+    for low, high in bands:
+        axis.axvspan(low * sheet.per_rad_s, high * sheet.per_rad_s, color=style.CRITICAL, alpha=0.2, lw=0)
+
+
+@style.on_sheet
+def plot_growth(fit: FitResult, *, sheet: style.Sheet) -> Figure:
+    """Growth rate of the least damped mode of a shaft that is not round: a half figure of a first screen."""
+    speeds, s, bands = _turning_modes(fit)
+    figure, ((axis,),) = sheet.grid(1, 1, "", size=style.HALF)
+    axis.plot(speeds * sheet.per_rad_s, s.real.max(axis=1), color=style.COLOURS[0])
+    axis.axhline(0, color=style.INK, lw=0.9)
+    style.panel_title(axis, "Growth rate of the least damped mode, 1/s")
+    axis.set(xlabel=f"shaft speed, {sheet.rate_unit}", xlim=(0, speeds[-1] * sheet.per_rad_s))
+    _mark_bands(sheet, axis, bands)
+    mark_speeds(sheet, axis, _tested(fit))
+    low, high = axis.get_ylim()
+    axis.set_ylim(low, max(high, 0.1 * (high - low)))
+    return figure
+
+
+@style.on_sheet
+def plot_line(fit: FitResult, *, sheet: style.Sheet) -> Figure:
+    """The line that an uneven shaft adds, else the first, with its fit: a half figure of a first screen."""
+    every = [curve for curve in _curves(fit) if not np.isnan(curve.speed)] or list(_curves(fit))
+    kind = next((c.title for c in every if "2Om" in c.title), every[0].title)
+    own = [curve for curve in every if curve.title == kind]
+    factor, unit = style.prefix(np.concatenate([np.abs(c.fitted) for c in own]), own[0].unit)
+    figure, ((axis,),) = sheet.grid(1, 1, "", size=style.HALF)
+    style.panel_title(axis, f"{_written(kind[:1].upper() + kind[1:])}, {unit}")
+    for number, curve in enumerate(own):
+        colour = style.colour_of(number, len(own))
+        _points(axis, curve.frequency * sheet.per_rad_s, np.abs(curve.measured) * factor, curve, colour)
+        axis.plot(curve.fine * sheet.per_rad_s, np.abs(curve.line_fitted) * factor, color=style.INK, lw=1.2)
+    axis.set_ylim(0, 1.18 * factor * max(float(np.abs(c.line_fitted).max()) for c in own))
+    axis.set_xlabel((_RUNNING if np.isnan(own[0].speed) else "perturbation frequency w, {}").format(sheet.rate_unit))
+    return figure
+
+
+@style.on_sheet
+def plot_line_misfit(fit: FitResult, *, sheet: style.Sheet) -> Figure:
+    """Residuals of all lines over their noise: the half figure of a fit that is not good."""
+    figure, ((axis,),) = sheet.grid(1, 1, "", size=style.HALF)
+    axis.set_title("Residuals over their noise")
+    for curve in _curves(fit):
+        whitened = (curve.measured - curve.fitted) / curve.sigma
+        for part, marker in ((whitened.real, "o"), (whitened.imag, "x")):
+            axis.plot(curve.frequency * sheet.per_rad_s, part, marker, ms=2.4, color=style.COLOURS[0], alpha=0.6)
+    for level in (-2, 2):
+        axis.axhline(level, color=style.GREY, lw=0.9, ls=(0, (4, 2)))
+    axis.set_xlabel(f"frequency, {sheet.rate_unit}")
     return figure
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -144,6 +145,7 @@ def plot_damping(fit: FitResult, *, sheet: style.Sheet, group: int = 0) -> Figur
     return figure
 
 
+@lru_cache(maxsize=1)  # two figures of a report show them
 def _followed(fit: FitResult, group: int, beside: FitResult | None = None) -> _Modes:
     onset, tested = _onset_shown(fit, group), _tested_speeds(fit, group)
     # Shows the threshold with some room, or the tested speeds where there is none.

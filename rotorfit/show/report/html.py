@@ -8,7 +8,7 @@ from html import escape
 
 from rotorfit.base.file_reading import shown_lines
 
-_VOID = ("img", "meta", "br")
+_VOID = ("img", "meta", "br", "wbr")
 
 
 class Html(str):

@@ -23,6 +23,8 @@ from rotorfit.show.report.html import Html, bullets, element, join, table
 from rotorfit.show.report.material import ReportInput
 from rotorfit.show.report.numbers import interval, plain, speeds_in_words, typeset, with_error
 
+_LONG = 15
+"""Letters of a number with its error that leave a card no room for the unit beside it."""
 _SHARES = (
     ("noise", "noise"),
     ("bounded", "bounded by these data"),
@@ -159,14 +161,16 @@ def _card(head: Headline, number: KeyNumber) -> Html:
         lines.append(element("div", *bar, class_="bar"))
         cause = largest_on_trust(head.fit, number.error)
         lines += [element("div", f"largest on trust: {_set(cause)}", class_="more rests")] if cause else []
-    return card(name, replace(shown, unit="") if number.quantity.unit == "1" else shown, lines)  # the name says it
+    named = number.quantity.unit == "1" and shown.unit != "%"  # the name says the unit
+    return card(name, replace(shown, unit="") if named else shown, lines)
 
 
 def card(name: str, shown: Shown, lines: Sequence[Html]) -> Html:
     """A number with its error and interval, and further lines."""
     error = f"\u00a0±\u00a0{typeset(shown.error)}" if shown.error.strip("-") else ""
     unit = element("span", f"\u00a0{parts.unit_shown(shown.unit)}", class_="unit") if shown.unit else Html("")
-    value = element("div", element("b", typeset(shown.value)), error, unit, class_="value")
+    breaks = element("wbr") if len(shown.number) > _LONG else Html("")
+    value = element("div", element("b", typeset(shown.value)), error, breaks, unit, class_="value")
     ends = f"95 %: {typeset(shown.low)} to {typeset(shown.high)}" if shown.low else ""
     between = [element("div", ends, class_="more ends")] if ends else []
     return element("div", element("div", name, class_="name"), value, *between, *lines, class_="card")
