@@ -12,6 +12,7 @@ from sentences import refuses
 
 import rotorfit as rf
 from rotorfit.base.significance import quantile
+from rotorfit.lab.data.probes import subtract_measured_slow_roll
 
 
 @pytest.mark.parametrize("draws", [60, pytest.param(500, marks=pytest.mark.slow)])
@@ -195,6 +196,22 @@ def test_a_run_up_with_given_weights_is_that_of_the_rotor_within_its_band() -> N
     assert np.mean(inside) > 0.90
     figure = found.plot()
     assert [line.get_label() for line in figure.axes[0].lines] == ["as it is", "with the weights"]
+
+
+def test_run_out_is_read_at_rest_and_its_error_is_in_the_band() -> None:
+    """Slow readings hold what unbalance moves there too, 0.4 um of it: their mean would take that out as well."""
+    slow, inside = 410 * np.pi / 30, []
+    for seed, sigma in enumerate((1e-12, 1e-7, 1e-7, 1e-7, 1e-7)):
+        raw, vibration = start_ups(np.random.default_rng(seed), sigma)
+        test = subtract_measured_slow_roll(raw.subtract_slow_roll({("aft", "x"): -4e-6 - 2e-6j}), slow)
+        found = rf.run_up(test, {"aft": 1e-5 + 0j})
+        truth = np.array([vibration(v, 1e-5) for v in found.speed.tolist()])
+        if sigma < 1e-9:
+            np.testing.assert_allclose(found.expected, truth, atol=1e-7)
+        else:
+            off = (found.expected - truth) / found.stderr
+            inside += [*(np.abs(off.real) < 1.96), *(np.abs(off.imag) < 1.96)]
+    assert np.mean(inside) > 0.9  # as for run-ups without run-out
 
 
 def test_weights_of_whole_pieces_leave_the_least_of_all_that_can_be_mounted() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rotorfit.base.array_types import Float
+from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.digits import counted
 from rotorfit.base.names import unknown_name
 from rotorfit.base.units import RPM_PER_RAD_S
@@ -16,6 +16,7 @@ from rotorfit.lab.data.experiments import PerturbationTest
 from rotorfit.lab.data.findings import PHASE_DATUM
 from rotorfit.lab.data.linear_force import probe_pairs
 from rotorfit.lab.data.rows import Experiment
+from rotorfit.lab.data.synchronous import RUN_OUT_SHARE
 
 Channel = tuple[str, str]
 """Plane and direction of a probe, ``("journal", "x")``."""
@@ -49,7 +50,9 @@ def correct_channels(
 
 
 def subtract_measured_slow_roll(test: PerturbationTest, below: float) -> PerturbationTest:
-    """Subtract from each channel of each run of a synchronous test its mean reading at low speed."""
+    """Subtract from each channel of each run of a synchronous test its run-out, from readings at low speed: what they
+    tend to at rest, since unbalance moves a rotor as the square of the speed, or their mean where their speeds are too
+    alike to tell that apart. What the error of a run-out adds to each reading, :data:`RUN_OUT_SHARE` keeps."""
     if not test.synchronous:
         raise ValueError(f"{test.source}: slow roll can only be taken from the readings of a synchronous test")
     keys = list(zip(test.run.tolist(), test.plane.tolist(), test.direction.tolist(), strict=True))
@@ -63,8 +66,22 @@ def subtract_measured_slow_roll(test: PerturbationTest, below: float) -> Perturb
             f"{test.source}: run {run} has no reading of {plane} {direction} below {below * RPM_PER_RAD_S:g} rpm; its "
             f"slowest is at {test.speed[test.run == run].min() * RPM_PER_RAD_S:g} rpm"
         )
-    vector = np.bincount(index, slow * test.response.real) + 1j * np.bincount(index, slow * test.response.imag)
-    return replace(test, response=test.response - (vector / count)[index])
+    vector, share = np.zeros(count.size, dtype=complex), np.zeros(count.size)
+    for channel in range(count.size):
+        rows = np.flatnonzero(slow & (index == channel))
+        vector[channel], share[channel] = _at_rest(test.speed[rows], test.response[rows])
+    shares = np.hypot(test.attributes.get(RUN_OUT_SHARE, 0.0), share[index])
+    attributes = {**test.attributes, RUN_OUT_SHARE: shares}
+    return replace(test, response=test.response - vector[index], attributes=attributes)
+
+
+def _at_rest(speed: Float, response: ComplexArray) -> tuple[complex, float]:
+    """What readings tend to at rest, and its error over that of a reading."""
+    apart, few = 1.5, 3  # ratio of the squares of the speeds, and readings, from which the square tells itself apart
+    rising = speed.size >= few and speed.max() ** 2 > apart * speed.min() ** 2
+    square = (speed / speed.max()) ** 2 if rising else np.zeros(speed.size)
+    inverse = np.linalg.pinv(np.column_stack([np.ones(speed.size), square]))
+    return complex(inverse[0] @ response), float(np.linalg.norm(inverse[0]))
 
 
 def resolve_probe_angles(test: PerturbationTest, angles: Mapping[str, tuple[float, float]]) -> PerturbationTest:

@@ -32,6 +32,8 @@ LARGEST_GAP = 5.0
 """Readings are not interpolated across gaps longer than this many median steps."""
 
 
+RUN_OUT_SHARE = "run_out_share"
+"""Attribute of start-ups whose run-out was measured: its error, common to all readings of a run, over their noise."""
 DIFFERENCED = "differenced"
 """Attribute that marks rows made by :func:`difference_synchronous` with 1, rows left as they were with 0."""
 
@@ -108,6 +110,7 @@ def at_speeds(test: PerturbationTest, speeds: Float) -> PerturbationTest:
                 raise ValueError(f"{test.source or 'the test'}: run {run} was not sampled about {listed} rpm")
             force = _at(speeds, whole.speed, whole.force / whole.speed**2) * speeds**2
             sigma = _at(speeds, whole.speed, whole.sigma).real
+            share = _at(speeds, whole.speed, whole.attributes.get(RUN_OUT_SHARE, np.zeros(len(whole)))).real
             for k in np.flatnonzero(np.isnan(sigma)).tolist() if len(whole) >= around else ():
                 near = np.argsort(np.abs(whole.speed - speeds[k]), kind="stable")[:around]
                 sigma[k] = noise_from_smoothness(whole.speed[near], whole.response[near])
@@ -117,7 +120,7 @@ def at_speeds(test: PerturbationTest, speeds: Float) -> PerturbationTest:
                     speed=speeds,
                     frequency=speeds,
                     force=force,
-                    sigma=sigma,
+                    sigma=sigma * np.hypot(1.0, np.nan_to_num(share)),
                     response=_response_at(speeds, whole, force),
                 )
             )
