@@ -13,7 +13,7 @@ import pytest
 from clean_rigs import clean_test
 from plain import plain_fit
 from sentences import refuses
-from slips import thinned
+from slips import in_decibels, thinned
 
 import rotorfit as rf
 from rotorfit.identify.diagnosis.data_errors import undone
@@ -162,3 +162,11 @@ def test_the_sense_of_rotation_is_turned_round() -> None:
     np.testing.assert_array_equal(mended.frequency, test.frequency)
     np.testing.assert_array_equal(mended.response, test.response)
     assert [one for one in rf.check(mended) if one.severity == "error"] == []
+
+
+def test_levels_are_undone_by_what_0_db_is(table: pd.DataFrame) -> None:
+    right = rf.read(table)
+    (mended,) = undone([in_decibels(right, 1e-6)], ["levels-in-decibels (um: 0.01)"])
+    np.testing.assert_allclose(mended.response, right.response, rtol=1e-9)
+    with refuses(ValueError):
+        undone([right], ["levels-in-decibels (ell: 1)"])

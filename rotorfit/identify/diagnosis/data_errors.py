@@ -7,6 +7,7 @@ error undone (:mod:`rotorfit.identify.diagnosis.findings`). A new error of this 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -203,7 +204,8 @@ def data_errors(tests: Sequence[PerturbationTest]) -> Iterator[DataError]:
                 code="levels-in-decibels",
                 of=unit,
                 message=f"the amplitudes are in dB and read as {unit}",
-                undo="give them in the unit that 0 dB stands for, 10^(L/20) times it",
+                undo="give them in the unit that 0 dB stands for, 10^(L/20) times it "
+                f"(--undo 'levels-in-decibels ({unit}: 1)' where 0 dB is 1 {unit})",
                 correct=partial(_from_decibels, unit=size),
                 leaves_at_most=misfit_of_levels,
                 leaves_scale_open=True,
@@ -355,10 +357,15 @@ def _with_speeds(test: PerturbationTest, *, factor: float) -> PerturbationTest:
     return replace(test, speed=test.speed * factor)
 
 
-def _from_decibels(test: PerturbationTest, *, unit: float) -> PerturbationTest:
+def _from_decibels(test: PerturbationTest, *, unit: float, zero: float | None = None) -> PerturbationTest:
+    """Amplitudes of levels, with what 0 dB is, m, or so that the largest keeps its number."""
     size = np.abs(test.response)
-    level = (size - size.max()) / unit
-    return replace(test, response=size.max() * 10 ** (level / 20) * np.exp(1j * np.angle(test.response)))
+    least = size.max() * 10 ** (-size.max() / unit / 20) if zero is None else zero
+    return replace(test, response=least * 10 ** (size / unit / 20) * np.exp(1j * np.angle(test.response)))
+
+
+_LEVELS = re.compile(r"levels-in-decibels \((?P<unit>\w+): (?P<zero>\d+(?:\.\d*)?(?:e[-+]?\d{1,2})?)\)")
+"""Name of a correction that says what 0 dB is, ``levels-in-decibels (um: 1)``."""
 
 
 def _turned_back(test: PerturbationTest, *, planes: Sequence[str], degrees: float) -> PerturbationTest:
@@ -400,6 +407,11 @@ def undone(experiments: Sequence[Experiment], names: Sequence[str]) -> tuple[Exp
         tests = perturbations(corrected)
         if (by_value := corrected_by_value(tests, name)) is not None:
             corrected = [test.corrected(by_value) for test in corrected]
+            continue
+        if (said := _LEVELS.fullmatch(name)) is not None and said["unit"] in _DECIBELS:
+            unit = _DECIBELS[said["unit"]]
+            levels = partial(_from_decibels, unit=unit, zero=float(said["zero"]) * unit)
+            corrected = [test.corrected(levels) for test in corrected]
             continue
         orbits = orbits_of_tests(tests)
         beside = (*backward_angles(tests), *data_errors(tests))

@@ -335,7 +335,9 @@ def filters(readings: Readings, missed: float, hint: Hint, uneven: Collection[st
                 named = (
                     f'give them as such (columns = {{amplitude_um = "{column}"}}, --column amplitude_um={column}), or '
                 )
-                way = f"{named if who == ALL and column else ''}{undo}"
+                name = f"{code} ({who}: 1 at 0 degrees)"
+                of_unit = f"(--undo '{name}' where numbers are in the given unit {_PER[power]})"
+                way = f"{named if who == ALL and column else ''}{undo} {of_unit}"
                 yield Explanation(left=left / missed, code=code, message=message, undo=way, end=end)
         for kind in CHANNEL_FILTERS if least > EXPLAINED_MISFIT_SHARE else ():
             if hint(np.where(rows, kind.slope(readings.s), 0.0)[:, None]):
@@ -372,6 +374,8 @@ def _searched(readings: Readings, kind: ChannelFilter, who: str, rows: Bool, mis
     )
 
 
+_PER = {1: "per s", 2: "per s^2", -1: "times s"}
+"""What readings are that differ from displacements by a power of jw, in the unit that they were given in."""
 _COLUMNS = {1: "velocity_mm_s", 2: "acceleration_g"}
 """Columns of a table whose readings are such powers of s = jw times a displacement."""
 

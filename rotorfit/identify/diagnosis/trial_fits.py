@@ -215,7 +215,7 @@ def _of_group(readings: Readings, group: _Group, missed: float) -> Iterator[tupl
             apart = (abs(np.log(_factor(corrected, readings.problem.run == run, expected, (0,))[1])) for run in others)
             if max(apart) >= abs(np.log(own)) / least_difference_ratio:
                 continue
-        yield one, replace(_explanation(one, power, own, left / missed), end=x)
+        yield one, replace(_explanation(one, power, own, left / missed, readings.middle), end=x)
 
 
 def _levels(readings: Readings, known: Sequence[str]) -> Iterator[list[_Group]]:
@@ -269,11 +269,14 @@ def _factor(
     return min(found, key=lambda one: one[2])
 
 
-def _explanation(group: _Group, power: int, factor: complex, left: float) -> Explanation:
+def _explanation(group: _Group, power: int, factor: complex, left: float, middle: float) -> Explanation:
     free = 1 + abs(power)
     if power:
         code, what, undo = POWERS[power]
-        return Explanation(left=left, code=code, message=f"the readings {group.who} are {what}", undo=undo, free=free)
+        size, angle = abs(factor) / middle**power, float(np.degrees(np.angle(factor)))
+        name = f"{code} ({group.who}: {significant(size, 4)} at {significant(angle, 3)} degrees)"
+        message = f"the readings {group.who} are {what}"
+        return Explanation(left=left, code=code, message=message, undo=undo, correction=name, free=free)
     size, angle = abs(factor), float(np.degrees(np.angle(factor)))
     parts, causes, codes = [], [], []
     if abs(np.log(size)) > SAME_FACTOR:
@@ -327,7 +330,8 @@ def corrected_by_value(
         return None
     if said["angle"] is not None:
         factor = value * np.exp(1j * np.radians(float(said["angle"])))
-        return partial(_divided, who=said["who"], by=lambda s: np.full(s.shape, factor))
+        power = {code: power for power, (code, *_) in POWERS.items()}.get(said["code"], 0)
+        return partial(_divided, who=said["who"], by=lambda s: factor * s**power)
     kind = kinds.get(said["code"])
     if kind is None:
         return None
