@@ -81,6 +81,7 @@ class RotorModel(ByValue, Tabled, ABC):
     no_closed_form: str = ""  # why a closed form of it says nothing with errors, in words
     advice: str = ""  # what to do where it limits a fit, other than to let data ask for blocks
     of_modes: bool = False  # its coordinates are modes, x and y each for itself
+    at_one_speed: bool = False  # its numbers are those of the speed of the test, and say nothing of another
     force_alone: bool = False  # it is the force of a bearing or seal, its structure standing apart or left out
     made_from: Mapping[str, Any] = MappingProxyType({})  # what read a known structure from a file, and its arguments
     turns: bool = False  # free motion (see motion) is written in turning coordinates, each motion with its image
@@ -169,6 +170,15 @@ class RotorModel(ByValue, Tabled, ABC):
     def nodes(self) -> dict[str, int]:
         """Nodes of a known structure by plane."""
         return {}
+
+    def with_modes(self, s: ComplexArray, shapes: ComplexArray) -> Float | None:
+        """Parameters of the rotor that has given modes; None where modes do not tell them.
+
+        Args:
+            s: eigenvalues, 1/s, shape ``(m,)``.
+            shapes: deflections of the coordinates, shape ``(n, m)``.
+        """
+        return None
 
     @property
     def turning(self) -> RotorModel:

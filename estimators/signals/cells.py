@@ -106,5 +106,5 @@ def smoothed(
 def half_width(cells: Cells, planes: int) -> float:
     """Half width at half power of the sharpest pole that the spectra show, Hz."""
     width = float(np.median(np.diff(cells.frequency)))
-    poles, share = spectral_poles(cells.frequency, cells.power, width, 2 * planes + 2)
-    return float(np.min(-poles[share > LEAST_SHARE].real) / (2 * np.pi))
+    poles = spectral_poles(cells.frequency, cells.power, width, 2 * planes + 2)
+    return float(np.min(-poles.s[poles.share > LEAST_SHARE].real) / (2 * np.pi))

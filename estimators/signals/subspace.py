@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from rotorfit.base.array_types import ComplexArray, Float
@@ -13,8 +15,16 @@ LEAST_SHARE = 0.03
 MOST_ROWS = 160  # signals times lags of the matrix of covariances: what its decomposition needs is a tenth of a second
 
 
-def spectral_poles(frequency: Float, power: ComplexArray, width: float, order: int) -> tuple[ComplexArray, Float]:
-    """Poles of ``q' = A q, z = C q``, 1/s, and the share of each in the variance of z, those of most first.
+class Poles(NamedTuple):
+    """Poles of ``q' = A q, z = C q``, those of the largest share first."""
+
+    s: ComplexArray  # 1/s, shape ``(m,)``
+    shapes: ComplexArray  # deflection of each signal, shape ``(n, m)``
+    share: Float  # of each in the variance of z, shape ``(m,)``
+
+
+def spectral_poles(frequency: Float, power: ComplexArray, width: float, order: int) -> Poles:
+    """Poles that spectra show, as many as states are asked for.
 
     Covariance-driven subspace identification (Van Overschee and De Moor 1996) of the complex signal, sampled at twice
     the highest frequency.
@@ -49,4 +59,5 @@ def spectral_poles(frequency: Float, power: ComplexArray, width: float, order: i
     rates = np.log(poles) / step
     order_of_size = np.argsort(-own)
     stable = -np.abs(rates.real) + 1j * rates.imag  # a stable rotor and its mirror image have one spectrum
-    return stable[order_of_size], own[order_of_size] / own.sum()
+    deflections = level[:, None] * (seen[:n] @ shapes)
+    return Poles(stable[order_of_size], deflections[:, order_of_size], own[order_of_size] / own.sum())

@@ -11,6 +11,7 @@ from sentences import refuses
 from turbulence import ONE_MODE, recorded, written
 
 import rotorfit as rf
+from rotorfit.identify.diagnosis.free_rotor import likelihood_ratio
 from rotorfit.identify.fitting.headline import decrement_of
 from rotorfit.identify.fitting.problem_setup import build_problem
 from rotorfit.identify.fitting.settings import FitSettings
@@ -41,6 +42,20 @@ def test_one_speed_without_force_tells_threshold_and_decrement(test: rf.Operatin
     # a lone mode without floor has 1 over the root of decrement times cycles
     cycles = s.imag / (2 * np.pi) * 600
     assert 0.9 < decrement.stderr / decrement.value * np.sqrt(decrement.value * cycles) < 1.6
+
+
+def test_modes_need_no_rotor_and_judge_one(test: rf.OperatingTest) -> None:
+    free = rf.fit(rf.models.FreePolynomial(MODEL.planes), test)
+    s = eigenvalues(MODEL, MODEL.vector(ONE_MODE), 200.0)[-1]
+    mode = max(free.modes(speed=200.0), key=lambda mode: mode.frequency.value)
+    assert abs(mode.frequency.value - s.imag) < 3 * mode.frequency.stderr
+    assert abs(mode.damping_ratio.value + s.real / abs(s)) < 3 * mode.damping_ratio.stderr
+    assert mode.damping_ratio.stderr < 0.03 * mode.damping_ratio.value
+    ratio, freedom = likelihood_ratio(rf.fit(MODEL, test, known=KNOWN | {"Mf": 0.2}, causes=None))
+    assert freedom == 1
+    assert 0 <= ratio < 10.8  # of chi-squared of one degree of freedom one in a thousand is more
+    wrong = rf.fit(MODEL, test, known=KNOWN | {"K0": 3000.0, "Mf": 0.4, "lam": 0.42}, causes=None)
+    assert "equations" in {one.code for one in wrong.findings}
 
 
 def test_gradient_of_the_profile_is_that_of_differences(test: rf.OperatingTest) -> None:

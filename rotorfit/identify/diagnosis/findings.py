@@ -28,6 +28,7 @@ from rotorfit.identify.diagnosis.data_errors import (
     filtered_probes,
     mirrored_orbits,
 )
+from rotorfit.identify.diagnosis.free_rotor import beside_free_rotor
 from rotorfit.identify.diagnosis.orbits import Orbits, orbits_of_tests
 from rotorfit.identify.diagnosis.probe_filters import CHANNEL_FILTERS, POWERS, ChannelFilter, values_to_try
 from rotorfit.identify.diagnosis.probe_pairs import UNEVEN, uneven_planes
@@ -68,7 +69,12 @@ def findings_of(fit: FitResult) -> tuple[Finding, ...]:
     own, found = notices_of(fit), []
     try:
         found = _shown(fit)
-        found = [*other_rig(fit), *explained(_as_asked(fit), {finding.code for finding in found}), *found]
+        found = [
+            *beside_free_rotor(fit),
+            *other_rig(fit),
+            *explained(_as_asked(fit), {finding.code for finding in found}),
+            *found,
+        ]
     except Exception as problem:
         text = (
             f"Internal problem of rotorfit, not of these data: a check of the fit failed ({type(problem).__name__}: "

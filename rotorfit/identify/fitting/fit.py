@@ -233,13 +233,16 @@ def _solved(model: RotorModel, experiments: tuple[Experiment, ...], settings: Fi
 
 def _with_best_spectrum(problem: Problem, x: Float) -> tuple[Problem, Float]:
     """The problem with the spectrum of least BIC of a force that was not measured, and its solution to a few digits:
-    step by step to the best of those near it, each tried from the best solution before. Spectra that are far from the
-    force need no minimum."""
+    step by step to the best of those near it, each tried from the best solution before, or from the start where that
+    leads to none. Spectra that are far from the force need no minimum."""
     rough = Options(max_iterations=15, tolerance=1e-3, acceptable=1e-3, method="gauss-newton", hessian="gauss-newton")
     begin = Start(x=x, kind=EARLIER_FIT)
 
-    def tried(problem: Problem, x: Float) -> _Solved:
-        return problem, begin, solve(problem, x, rough)
+    def tried(problem: Problem, near: Float) -> _Solved:
+        found = solve(problem, near, rough)
+        if not _is_minimum(found):
+            found = min(found, solve(problem, x, rough), key=lambda one: np.nan_to_num(one.cost, nan=np.inf))
+        return problem, begin, found
 
     seen: set[str] = set()
     solved = tried(problem, x)
@@ -248,7 +251,7 @@ def _with_best_spectrum(problem: Problem, x: Float) -> tuple[Problem, Float]:
         names = dict.fromkeys(name for block in problem.blocks for name in block.force_spectra)
         for name in [name for name in names if name not in {*seen, _spectrum_of(problem)}]:
             blocks = tuple(block.with_force_spectrum(name if block.force_spectra else "") for block in problem.blocks)
-            best = min((best, tried(replace(problem, blocks=blocks), best[2].x)), key=_bic)
+            best = min((best, tried(replace(problem, blocks=blocks), best[2].x)), key=_rough_bic)
         if best is solved:
             return problem, solved[2].x
         seen, solved = seen | set(names), best
@@ -267,8 +270,14 @@ def _is_minimum(solution: Solution) -> bool:
 def _bic(solved: _Solved) -> tuple[bool, float]:
     """What tells the better of two solved problems of the same readings: whether it has a minimum that can be, and its
     BIC."""
+    unbelievable, bic = _rough_bic(solved)
+    return not _is_minimum(solved[2]) or unbelievable, bic
+
+
+def _rough_bic(solved: _Solved) -> tuple[bool, float]:
+    """The same of problems on their way to a minimum."""
     problem, _, solution = solved
-    sound = _is_minimum(solution) and all(block.own_believable for block in problem.blocks)
+    sound = all(block.own_believable for block in problem.blocks)
     unknowns = problem.space.size + sum(block.own_unknowns for block in problem.blocks)
     return not sound, 2 * solution.cost + unknowns * float(np.log(problem.n_data))
 

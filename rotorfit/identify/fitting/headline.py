@@ -219,14 +219,16 @@ def _frequencies(fit: FitResult) -> Iterator[KeyNumber]:
     if not fit.success or fit.model.speed_dependent or fit.model.turns:
         return
     few = MOST - 1 if fit.model.of_modes else 3  # modes, beside which there is room for their damping
-    for name, frequency, _ in _standing_modes(fit)[:few]:
-        yield KeyNumber(name=f"mode {name}", meaning="natural frequency", quantity=frequency.to("rpm"))
+    swinging = [mode for mode in _standing_modes(fit) if abs(mode[2].value) < OVERDAMPED]
+    for name, frequency, _ in swinging[:few]:
+        yield KeyNumber(name=f"mode {name}", meaning="natural frequency", quantity=abs(frequency).to("rpm"))
 
 
 def _standing_modes(fit: FitResult) -> list[tuple[str, Quantity, Quantity]]:
     """Name, natural frequency and damping ratio of the modes of a rotor that no speed changes."""
     if not fit.model.of_modes:
-        return named_modes(modes_at(fit, 0.0), sensed=False)
+        speed = top_speed(fit)
+        return named_modes(modes_at(fit, speed), sensed=speed > 0)
     p = fit.params
     names = [name.removeprefix("wn") for name in p if bare_name(name).startswith("wn")]
     return named_modes([(p[f"wn{n}"]._quantity, p[f"zeta{n}"]._quantity) for n in names], sensed=False)
@@ -273,7 +275,7 @@ def _least_damping(fit: FitResult) -> Iterator[KeyNumber]:
 
 def top_speed(fit: FitResult) -> float:
     """Highest tested speed, rad/s, zero of a rotor that no speed changes."""
-    return float(fit.speeds.max(initial=0.0)) if fit.model.speed_dependent else 0.0
+    return float(fit.speeds.max(initial=0.0)) if fit.model.speed_dependent or fit.model.at_one_speed else 0.0
 
 
 def modes_at(fit: FitResult, speed: float) -> list[tuple[Quantity, Quantity]]:

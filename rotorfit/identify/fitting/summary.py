@@ -200,7 +200,7 @@ def _mode_lines(fit: FitResult) -> list[str]:
     if not fit.success or fit.model.turns or "least damping" not in leads_of(fit):
         return []
     speed = top_speed(fit)
-    where = f"MODES at {significant(speed * RPM_PER_RAD_S, 4)} rpm" if fit.model.speed_dependent else "MODES"
+    where = f"MODES at {significant(speed * RPM_PER_RAD_S, 4)} rpm" if speed else "MODES"
     unit = shown_units().rate_name
     rows = [[where, f"frequency, {unit}", "damping ratio", "log. decrement"]]
     for name, frequency, ratio in named_modes(modes_at(fit, speed), sensed=speed > 0):

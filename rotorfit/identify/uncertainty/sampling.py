@@ -153,8 +153,9 @@ def sample(
 
 def _settings(fit: FitResult, noise: Noise | None, *, ess: float, max_steps: int) -> SampleSettings:
     _refuse_unsampled(fit)
-    # The level of the noise is unknown unless the loss has a scale of its own.
-    level: Noise = noise or ("marginal" if fit.settings.loss == "linear" else "fixed")
+    # The level of the noise is unknown unless the loss, or the likelihood of readings, has a scale of its own.
+    scaled = fit.settings.loss != "linear" or not all(block.normal for block in fit.problem.blocks)
+    level: Noise = noise or ("fixed" if scaled else "marginal")
     return SampleSettings(
         noise=level, inflation=_inflation(fit, level), walkers=0, ess=ess, max_steps=max_steps, steps=0,
         between_runs=True, causes=fit.settings.solved is not None,
