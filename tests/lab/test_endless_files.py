@@ -45,6 +45,21 @@ def test_tables_that_are_none(
         read(path)
 
 
+@pytest.mark.parametrize("read", [rf.read, rf.read_recording])
+@pytest.mark.parametrize("tail", ["zero bytes", "a line"])
+def test_what_is_a_table_at_its_beginning_alone(read: Callable[[Path], object], tail: str, tmp_path: Path) -> None:
+    """4 GB that are not on the disk behind two megabytes of lines, and 34 MB without an end of line."""
+    path = tmp_path / "a.csv"
+    path.write_text(
+        "a,b,c\n" + "1,2,3\n" * (1 << 18) + ("4," * (1 << 24) if tail == "a line" else ""), encoding="utf-8"
+    )
+    if tail == "zero bytes":
+        os.truncate(path, 1 << 32)
+    said = "is no table: a line is longer than 16777216 bytes" if tail == "a line" else "is not text: it has zero bytes"
+    with soon(), pytest.raises(ValueError, match=rf"^a\.csv {said}"):
+        read(path)
+
+
 def test_workbooks_and_files_of_thousands_of_parts(tmp_path: Path) -> None:
     """Sheets were each looked at anew; entries of an HDF5 file took a fifth of a millisecond."""
     from openpyxl import Workbook

@@ -371,29 +371,31 @@ def _encoding(path: Path, _size: int, _time: int) -> str:
         if head.startswith((_ARCHIVE, _OLD_EXCEL)):
             raise ValueError(f"{path.name} is no text but a workbook, as Excel writes them: {_workbook_advice(head)}")
         stream.seek(0)
-        longest = 1 << 24  # bytes of a first line
-        if _first_line_is_longer(stream, longest):
-            raise ValueError(f"{path.name} is no table: its first line is longer than {longest} bytes")
         marked, reason = marked_encoding(head), ""
-        if (b"\0" * 4 if marked else b"\0") in beginning(path, 1 << 20):
-            raise ValueError(f"{path.name} is not text: it has zero bytes")
+        if problem := _no_lines(stream, b"\0" * 4 if marked else b"\0"):
+            raise ValueError(f"{path.name} {problem}")
         for encoding in (marked,) if marked else ("utf-8", "cp1252"):
             reason = _undecodable(stream, encoding)
             if not reason:
                 return encoding
-            stream.seek(0)
-            if marked or any(b"\0" in block for block in iter(partial(stream.read, _BLOCK), b"")):
+            if marked:
                 raise ValueError(f"{path.name} is not text: {reason}")
     raise ValueError(f"{path.name} is neither UTF-8 nor Windows-1252 text ({reason}); save it as CSV UTF-8")
 
 
-def _first_line_is_longer(stream: BinaryIO, longest: int) -> bool:
+def _no_lines(stream: BinaryIO, zeros: bytes) -> str:
+    """Why a stream is no text of lines, told by its bytes; empty where it may be."""
+    longest = 1 << 24  # bytes of a line
+    since, seen = 0, False
     for block in iter(partial(stream.read, _BLOCK), b""):
-        if b"\n" in block or b"\r" in block:
-            return False
-        if stream.tell() >= longest:
-            return True
-    return False
+        ends = [at for at in (block.find(b"\n"), block.find(b"\r")) if at >= 0]
+        if since + min(ends, default=len(block)) >= longest:
+            return f"is no table: {'a' if seen else 'its first'} line is longer than {longest} bytes"
+        if zeros in block:
+            return "is not text: it has zero bytes"
+        since = len(block) - 1 - max(block.rfind(b"\n"), block.rfind(b"\r")) if ends else since + len(block)
+        seen = seen or bool(ends)
+    return ""
 
 
 def _undecodable(stream: BinaryIO, encoding: str) -> str:
