@@ -70,11 +70,17 @@ def test_of_four_planes_and_eight_modes_the_first_are_drawn_and_can_be_read() ->
     assert "4F" in [text.get_text() for text in drawn["damping"].axes[0].texts]
 
 
-def test_figures_of_balancing_and_campaigns_can_be_read() -> None:
+def test_figures_of_balancing_campaigns_judging_and_plans_can_be_read() -> None:
     test = rf.read(rf.datasets.path("field_balance.csv"), constants={"sigma_mil_pp": "0.02"})
     found = rf.balance(rf.influence(test), "trial 2", holes=24)
     drawn = {"vibration": found.plot(), "levels": plot_levels(found), "weights": plot_weights(found)}
     runs = rf.campaign(rf.models.WhirlWhip(), rf.datasets.rig_lumped(), split="speed_rpm", known={"K3": 6000.0})
+    rig = rf.datasets.rig_lumped()
+    fit = plain_fit(rf.models.WhirlWhip(), rig, known={"K3": 6000.0})
+    drawn["judged"] = fit.stability_report(max_speed_rpm=2500).plot()
+    drawn["plan"] = rf.plan(fit.model, fit, rig, noise_um=0.2, quantity="lam").plot()
+    lines = {line.get_label().split()[0]: line.get_linestyle() for line in drawn["judged"].axes[0].lines}
+    assert (lines["forward"], lines["backward"]) == ("-", "--")
     drawn["trends"] = runs.plot.trends(["K0", "D", "lam"], against="speed_rpm")
     assert {name: faults for name, one in drawn.items() if (faults := faults_of(one))} == {}
 

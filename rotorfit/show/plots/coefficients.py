@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import cycle
 from typing import Any
 
@@ -43,18 +44,19 @@ def coefficients(table: CoefficientRows, *, sheet: Sheet) -> Figure:
     figure, axes = sheet.grid(len(kinds), 1, f"Coefficients at {table.rows[0].plane}", size=(6.5, 2.6))
     series: dict[str, list[Coefficients]] = {}
     for row in sorted(table.rows, key=lambda row: row.speed):
-        series.setdefault(row.condition.rpartition(", ")[0], []).append(row)
+        series.setdefault(_with_units(row.condition.rpartition(", ")[0]), []).append(row)
     for axis, kind in zip(axes[:, 0], kinds, strict=True):
         names = [name for name in COEFFICIENTS if name[0] == kind and _there(table, name)]
         factor, unit = prefix(np.abs([[row[name].value for row in table.rows] for name in names]), UNITS[kind])
         for name in names:
-            colour = colour_of(("xx", "xy", "yx", "yy").index(name[1:]), 4)
+            entry = ("xx", "xy", "yx", "yy").index(name[1:])
+            look = {"color": colour_of(entry, 4), "ls": ("-", "--", ":", "-.")[entry], "ms": 3, "lw": 1, "capsize": 2}
             for marker, rows in zip(cycle(_MARKERS), series.values(), strict=False):
                 speed = np.array([row.speed for row in rows]) * sheet.per_rad_s
                 values = factor * np.array([row[name].value for row in rows])
                 error = factor * CHANCE_ERRORS * np.array([row[name].stderr for row in rows])
                 shown = np.where(np.isfinite(error), error, 0.0)
-                axis.errorbar(speed, values, shown, fmt=f"{marker}-", ms=3, lw=1, capsize=2, color=colour)
+                axis.errorbar(speed, values, shown, marker=marker, **look)
         axis.set_ylabel(f"{kind}, {unit}")
     axes[-1, 0].set_xlabel(f"rotative speed, {sheet.rate_unit}")
     names = [name[1:] for name in COEFFICIENTS if name[0] == kinds[0] and _there(table, name)]
@@ -64,6 +66,11 @@ def coefficients(table: CoefficientRows, *, sheet: Sheet) -> Figure:
         entries |= dict(zip(series, looks, strict=False))
     legend_below(figure, entries)
     return figure
+
+
+def _with_units(condition: str) -> str:
+    """A condition as people write it: ``P 30 bar`` for ``P_bar=30``."""
+    return re.sub(r"(\w+)_(bar|psi|kPa|MPa|Pa|C|K|mm|um|rpm|hz)=([^,]+)", r"\1 \3 \2", condition)
 
 
 def _there(table: CoefficientRows, name: str) -> bool:
@@ -77,7 +84,7 @@ def whirl_ratio(table: CoefficientRows, *, sheet: Sheet) -> Figure:
     axis.set_title("Whirl frequency ratio")
     series: dict[str, list[Coefficients]] = {}
     for row in sorted(table.rows, key=lambda row: row.speed):
-        series.setdefault(row.condition.rpartition(", ")[0], []).append(row)
+        series.setdefault(_with_units(row.condition.rpartition(", ")[0]), []).append(row)
     labels, apart = [], 0.012 * max(row.speed for row in table.rows) * sheet.per_rad_s
     for number, (name, rows) in enumerate(series.items()):
         found = [(row.speed, row.whirl_frequency_ratio) for row in rows]

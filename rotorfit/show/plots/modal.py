@@ -11,6 +11,7 @@ from rotorfit.estimators.starting.modal_start import stabilisation
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.models import Modal
 from rotorfit.show.plots import style
+from rotorfit.show.plots.journal import rig_of
 
 
 def _modal(fit: FitResult) -> Modal:
@@ -24,7 +25,7 @@ def plot_stabilisation(fit: FitResult, most: int | None = None, *, sheet: style.
     """Natural frequencies of poles against how many pairs are looked for, over the size of all responses."""
     model = _modal(fit)
     blocks = fit.problem.responses
-    figure, axes = sheet.grid(1, 1, "Stabilisation diagram", size=(6.5, 3.6))
+    figure, axes = sheet.grid(1, 1, f"{rig_of(fit)}: stabilisation", size=(6.5, 3.6))
     axis, scale = axes[0, 0], sheet.per_rad_s
     w, size = _responses(blocks)
     back = axis.twinx()
@@ -74,7 +75,7 @@ def plot_mode_shapes(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     read = [p for p in dict.fromkeys(p for test in fit.experiments for p in test.planes) if p in model.read_planes]
     axes_of = ("x", "y") if model.frame == "xy" else ("",)
     figure, axes = sheet.grid(
-        model.modes, len(axes_of), "Mode shapes", size=(6.5 / len(axes_of), 1.9), one_abscissa=True
+        model.modes, len(axes_of), f"{rig_of(fit)}: mode shapes", size=(6.5 / len(axes_of), 1.9), one_abscissa=True
     )
     handles = []
     for row in range(model.modes):

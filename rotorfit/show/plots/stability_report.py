@@ -36,10 +36,16 @@ def plot_stability_report(report: StabilityReport, *, sheet: style.Sheet) -> Fig
 
 
 def _draw(axis: Any, curves: Sequence[Curve], x: float, y: float, first: int = 0) -> None:
+    ways = {"forward": 0, "backward": 0}
     for number, curve in enumerate(curves, first):
-        colour, label = style.colour_of(number), style.literal(curve.label)
-        axis.plot(x * curve.x, _clipped(y * curve.y), color=colour, lw=1.2, label=label)
-        axis.fill_between(x * curve.x, *_clipped(y * curve.band).T, color=colour, alpha=style.BAND, lw=0)
+        way = curve.label.partition(" ")[0]
+        look: dict[str, Any] = {"color": style.colour_of(number), "ls": ("-", "--", "-.", ":")[number % 4]}
+        if way in ways:  # as in figures of a fit: warm and solid, cool and dashed
+            colours = style.FORWARD if way == "forward" else style.BACKWARD
+            look = {"color": colours[ways[way] % len(colours)], "ls": "-" if way == "forward" else "--"}
+            ways[way] += 1
+        axis.plot(x * curve.x, _clipped(y * curve.y), lw=1.2, label=style.literal(curve.label), **look)
+        axis.fill_between(x * curve.x, *_clipped(y * curve.band).T, color=look["color"], alpha=style.BAND, lw=0)
 
 
 def _clipped(values: Float) -> Float:

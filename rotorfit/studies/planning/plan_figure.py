@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from rotorfit.show.plots.style import GREY, Sheet, colour_of, legend_below, literal, on_sheet
+from rotorfit.show.plots.style import GREY, MARKERS, Sheet, colour_of, legend_below, literal, on_sheet
 from rotorfit.studies.planning.record import Plan
 
 
@@ -27,9 +27,9 @@ def plot_plan(plan: Plan, *, sheet: Sheet) -> Figure:
         own = np.flatnonzero(runs == name)
         own = own[np.argsort(plan.lines.frequency[own], kind="stable")]
         x = plan.lines.frequency[own] * sheet.per_rad_s
-        colour = colour_of(number, len(names))
-        top.plot(x, plan.share[own] * 100, ".-", lw=1.0, ms=4, color=colour, label=literal(name))
-        below.plot(x, plan.certificate.phi[own], ".-", lw=1.0, ms=4, color=colour)
+        look = {"marker": MARKERS[number % len(MARKERS)], "lw": 1.0, "ms": 3, "color": colour_of(number, len(names))}
+        top.plot(x, plan.share[own] * 100, label=literal(name), **look)
+        below.plot(x, plan.certificate.phi[own], **look)
     top.axhline(100 / plan.share.size, color=GREY, lw=0.8, ls="--", label="all lines alike")
     below.axhline(plan.certificate.phi.max(), color=GREY, lw=0.8, ls=":")
     top.set_ylabel("share of the averaging time, %")
