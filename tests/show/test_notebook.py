@@ -138,7 +138,7 @@ def test_results_are_a_line_in_a_session_and_their_text_in_a_notebook() -> None:
         assert len(repr(result)) < 200
         assert str(result).splitlines()[-1].split()[0] in unescape(result._repr_html_())
     assert repr(fit.params["lam"]).startswith("<lam: 0.4758 +- 0.00")
-    assert repr(fit.params["K3"]) == "<K3: 6000 N/m, known>"
+    assert repr(fit.params["K3"]) == "<K3: 6000 +- 60 N/m, known>"
     assert str(fit.threshold_speed()) in repr(fit.threshold_speed())
     assert len(repr(rf.Finding("error", "code", "message", rows=tuple(range(1000))))) < 200
     assert rf.read(rig.to_dataframe()).planes == rig.planes
