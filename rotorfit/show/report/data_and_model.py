@@ -43,8 +43,7 @@ def data_section(material: ReportInput) -> Html:
         " Misfit over noise (redchi) refers to it. Weights and standard errors of this structure, the best of a "
         "refinement, follow the residuals of each response instead, which show its own noise better."
         if fit.settings.noise_scale
-        else " Weights, misfit over noise (redchi) and standard errors refer to it; the residuals of the fit have no "
-        "part in it."
+        else " Misfit over noise (redchi) and standard errors refer to it; the residuals of the fit have no part in it."
     )
     count = f"{fit.ndata} real data (two for each complex reading) and {fit.nvarys} fitted values."
     balanced = any(test.synchronous for test in fit.experiments)
