@@ -59,7 +59,7 @@ class Page(HTMLParser):
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append(tag)
         self.attributes += [(tag, key, value or "") for key, value in attrs]
-        if tag not in ("meta", "img", "mspace"):
+        if tag not in ("meta", "img", "wbr", "mspace"):
             self.open.append(tag)
 
     def handle_endtag(self, tag: str) -> None:
