@@ -165,7 +165,7 @@ def summary(results: list[Row]) -> list[str]:
     lines = []
     for model in dict.fromkeys(row.model for row in results):
         for what in dict.fromkeys(row.what for row in results):
-            own = [row for row in results if row.model == model and row.what == what and np.isfinite(row.stderr)]
+            own = [row for row in results if row.model == model and row.what == what and 0 < row.stderr < np.inf]
             if not own:
                 continue
             error = np.array([row.value - row.truth for row in own])
@@ -189,8 +189,9 @@ def main() -> None:
     for number, rig in enumerate(rigs(given.rigs, given.seed)):
         results += rows(number, rig, given.minutes, given.seed)
         last = [row for row in results if row.rig == number]
+        said = (f"{row.what} {(row.value - row.truth) / row.stderr:+.1f}" for row in last if row.stderr > 0)
         print(number, rig.model.name, rig.speeds.size, f"{last[0].seconds:.1f} s", last[0].spectrum, last[0].warnings,
-              *(f"{row.what} {(row.value - row.truth) / row.stderr:+.1f}" for row in last), flush=True)  # fmt: skip
+              *said, flush=True)  # fmt: skip
     one = {row.rig: row for row in results}.values()
     print("\n".join(summary(results)))
     for assumed, whose in ((True, "a force of a shape that can be chosen"), (False, "another force")):

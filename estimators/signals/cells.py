@@ -75,6 +75,20 @@ def periodogram(z: ComplexArray, rate: float) -> tuple[Float, Float]:
     return lines * rate / z.shape[1], np.concatenate([power[:, lines], power[:, -lines]])
 
 
+def envelope(z: ComplexArray, rate: float, centre: float, reach: float) -> tuple[float, float]:
+    """Variance over squared mean of the squared envelope of whirl, shape ``(N,)``, within ``reach`` of a frequency, Hz,
+    and its standard deviation by chance: 1 of motion that noise drives, 0 of a steady orbit."""
+    from scipy.fft import fft, fftfreq, ifft
+    from scipy.signal.windows import tukey
+
+    frequency = fftfreq(z.size, 1 / rate)
+    motion = ifft(np.where(np.abs(frequency - centre) < reach, fft(z * tukey(z.size, TAPERED_SHARE)), 0.0))
+    ends = int(TAPERED_SHARE / 2 * z.size)
+    square = np.abs(motion[ends : z.size - ends]) ** 2
+    independent = 2 * reach * square.size / rate
+    return float(square.var() / square.mean() ** 2), 2 / np.sqrt(independent)
+
+
 def outstanding(frequency: Float, power: Float, clear: Bool, apart: float) -> list[float]:
     """Frequencies of lines that stand out of what is beside them, at least ``apart``, Hz, from one another; ``clear``:
     where they are looked for, shape ``(K,)``."""

@@ -151,6 +151,12 @@ def test_a_robust_loss_and_a_bootstrap_of_spectra_are_refused(test: rf.Operating
         rf.fit(MODEL, test, known=KNOWN, causes=None).bootstrap(n=10)
 
 
+def test_whirl_that_keeps_its_orbit_is_warned_of(tmp_path: Path) -> None:
+    for steady in (0.0, 200e-6):
+        test = rf.operating_spectra(rf.read_recording(written(tmp_path / "run.h5", minutes=0.5, steady=steady)))
+        assert ("self-excited" in {finding.code for finding in test.findings}) == (steady > 0)
+
+
 def test_what_tells_no_operating_spectra_is_refused(tmp_path: Path) -> None:
     with refuses(ValueError):
         rf.operating_spectra(rf.read_recording(written(tmp_path / "one.h5", minutes=0.5, probes="X")))

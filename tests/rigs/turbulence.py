@@ -87,14 +87,17 @@ def written(
     acceleration: float = 0.0,
     force: float = 1e-2,
     mark: bool = True,
+    steady: float = 0.0,
 ) -> Path:
-    """A recording of the one-mode rotor at 200 rad/s: x and y, a notch, orders of the shaft and hum of the mains."""
+    """A recording of the one-mode rotor at 200 rad/s: x and y, a notch, orders of the shaft and hum of the mains;
+    ``steady``: radius of a whirl that keeps its orbit."""
     rate = 400.0
     size = int(60 * minutes * rate)
     t = np.arange(size) / rate
     angle = 200.0 * t + acceleration * t**2 / 2
     z = shaken(OneMode(), ONE_MODE, 200.0, rate=rate, size=size, force=force, seed=5)[0]
     z = z + 40e-6 * np.exp(1j * angle) + 10e-6 * np.exp(-2j * angle) + 5e-6 * np.cos(2 * np.pi * hum * t) * (hum > 0)
+    z = z + steady * np.exp(2j * np.pi * 13.1 * t)
     rng = np.random.default_rng(6)
     parts = {"X": z.real, "Y": z.imag}
     volts = {f"journal_{axis}": -10.0 + 7870.0 * parts[axis] + 2e-3 * rng.normal(size=size) for axis in probes}

@@ -242,6 +242,8 @@ def _with_best_spectrum(problem: Problem, x: Float) -> tuple[Problem, Float]:
         found = solve(problem, near, rough)
         if not _is_minimum(found):
             found = min(found, solve(problem, x, rough), key=lambda one: np.nan_to_num(one.cost, nan=np.inf))
+        if not _is_minimum(found) and found.cost < problem.n_data:  # on its way to explain them
+            found = solve(problem, found.x, Options(tolerance=1e-3, acceptable=1e-3))
         return problem, begin, found
 
     seen: set[str] = set()

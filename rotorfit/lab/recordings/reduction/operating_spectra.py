@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
@@ -14,7 +14,7 @@ from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.digits import significant
 from rotorfit.base.executors import carry_out
 from rotorfit.base.units import RPM_PER_RAD_S
-from rotorfit.estimators.signals.cells import Cells, averaged, half_width, outstanding, periodogram, smoothed
+from rotorfit.estimators.signals.cells import Cells, averaged, envelope, half_width, outstanding, periodogram, smoothed
 from rotorfit.lab.data.findings import Finding, listed
 from rotorfit.lab.data.synchronous import join
 from rotorfit.lab.kinds.operating_test import OperatingTest, operating_test
@@ -29,6 +29,9 @@ _MASK = 0.3
 """Half the width of what is left out about an order of the shaft and about a foreign line, Hz."""
 _WIDEST, _NARROWEST = 0.25, 0.02
 """Widths of a cell, Hz: of the half width of the sharpest mode it is a tenth to a third."""
+_STEADY, _CHANCE = 0.6, 3.0
+"""Variance over squared mean of a squared envelope below which whirl is no noise's work, by so many standard
+deviations: 0.7 was seen close to the threshold, 0.3 of a rotor that whips."""
 _LEAST_RISE = 10.0
 """Power of the highest peak over the floor, from which spectra tell a rotor: 10 dB."""
 
@@ -99,6 +102,7 @@ def _cells(record: Recording, *, band: tuple[float, float] | None, width: float 
     masked = [(n * turning - _MASK, n * turning + _MASK) for n in range(1, HIGHEST_ORDER + 1)]
     frequency, power = periodogram(z, reduced.rate)
     clear = np.all([(frequency < low) | (frequency > high) for low, high in masked], axis=0)
+    found += _self_excited(record, z, reduced.rate, smoothed(frequency, power, masked, 1.0))
     lines = outstanding(frequency, power, clear & (frequency > _LOWEST) & (frequency < top), _MASK)
     masked += [(line - _MASK, line + _MASK) for line in lines]
     if lines:
@@ -121,7 +125,27 @@ def _cells(record: Recording, *, band: tuple[float, float] | None, width: float 
         f"{significant(high, 3)} Hz, {significant(float(np.median(cells.freedom)), 3)} degrees of freedom each."
     )
     found.append(Finding("note", "cells", text))
+    rms = 1e6 * np.sqrt(np.mean(np.abs(z) ** 2, axis=1))
+    sizes = listed(
+        [f"{significant(size, 2)} um rms at {plane}" for plane, size in zip(planes, rms.tolist(), strict=True)]
+    )
+    text = f"{record.name}: motion without orders {sizes}: a fit is of the linear rotor at this amplitude."
+    found.append(Finding("note", "amplitude", text))
     return _Seen(record, speed, planes, cells, (*record.findings, *found))
+
+
+def _self_excited(record: Recording, z: ComplexArray, rate: float, spectrum: tuple[Float, Float]) -> Iterator[Finding]:
+    """A warning of whirl that keeps its orbit, as of a rotor beyond its threshold, and as noise leaves none."""
+    frequency, power = spectrum
+    plane, peak = np.unravel_index(np.argmax(power[: len(z)]), power[: len(z)].shape)
+    size, chance = envelope(z[plane], rate, float(frequency[peak]), 1.0)
+    if size < min(_STEADY, 1 - _CHANCE * chance):
+        text = (
+            f"{record.name}: whirl at {significant(float(frequency[peak]), 3)} Hz keeps its orbit (envelope "
+            f"{significant(size, 2)}, 1 where noise drives a stable rotor): self-excited, or forced by another "
+            "machine. Decrements and threshold of a fit are not those of a linear rotor; record at a lower speed"
+        )
+        yield Finding("warning", "self-excited", text, remedy="record at a lower speed", origin="recording")
 
 
 def _good_planes(record: Recording, found: list[Finding]) -> tuple[str, ...]:
