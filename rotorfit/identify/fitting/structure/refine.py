@@ -396,8 +396,8 @@ def one_lam_test(fit: FitResult, *, level: float = 0.01) -> OneLamTest:
     p = float(chi2.sf(statistic, 1))
     rejected = p < level
     verdict = (
-        f"one lam is refused (p = {significant(p, 2)}): lam_D = {d.value:.4f} +- {significant(d.stderr, 2)} from the "
-        f"damping force, lam_M = {m.value:.4f} +- {significant(m.stderr, 2)} from the inertia force; use two_lam=True"
+        f"one lam is refused (p = {significant(p, 2)}): lam_D = {d.shown()} from the damping force, "
+        f"lam_M = {m.shown()} from the inertia force; use two_lam=True"
         if rejected
         else f"one lam agrees with the data (p = {significant(p, 2)})"
     )
