@@ -21,10 +21,9 @@ FIT = "fit rig.csv --model whirl-whip --known K3=6000 --quiet --no-figures --sam
     ("words", "home"),
     [
         (FIT, "/dev/null/x"),
-        (FIT, None),
+        pytest.param(FIT, None, marks=pytest.mark.slow),
         ("watch inbox --study study.toml --store watched.db --once --settle 0", "/dev/null/x"),
         ("look volts.h5 --out out", "/dev/null/x"),
-        ("open --port 99999", "/dev/null/x"),
         ("open --port 99999", None),
     ],
 )

@@ -20,7 +20,7 @@ def test_the_bundled_rig_is_of_this_family():
     assert threshold == pytest.approx(rf.datasets.truth("rig_open")["threshold_rpm"], rel=2e-4)
 
 
-@pytest.mark.parametrize("count", [3, pytest.param(12, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [2, pytest.param(12, marks=pytest.mark.slow)])
 def test_refined_errors_are_honest_over_the_family(count):
     """Of a few rigs; benchmarks/rig_family.py has 300."""
     rng = np.random.default_rng(5)

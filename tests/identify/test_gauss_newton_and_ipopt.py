@@ -106,7 +106,6 @@ def beside(name: str) -> tuple[rf.models.RotorModel, Any]:
     slow_but(
         product(BESIDE, LOSSES),
         ("known structure", "cauchy"),
-        ("modal", "linear"),
         ("anisotropic shaft", "linear"),
         ("anisotropic shaft", "soft_l1"),
     ),
@@ -138,7 +137,10 @@ def test_bounds_priors_phase_offsets_and_a_start_far_away() -> None:
     assert cost_graph(plain_fit(model, test, known=known, priors={"Mf": stats.gamma(4.0, 0.1)}).problem) is None
 
 
-@pytest.mark.parametrize("law", [Muszynska(), EvenPolynomial(), MonotoneSpline(knots=(0.5,))])
+LAWS = (Muszynska(), EvenPolynomial(), MonotoneSpline(knots=(0.5,)))
+
+
+@pytest.mark.parametrize("law", slow_but(LAWS, *LAWS[:2]))
 def test_laws_of_eccentricity_have_no_graph_and_the_same_optimum(law: Law) -> None:
     known = {"Ds": 8.0} if law.name == "muszynska" else {"Ds": 8.0, "K": 8000.0}
     data = [sweep(ONE_MODE, levels=(3.0, 30.0), lines=20), static(ONE_MODE)]
