@@ -220,13 +220,16 @@ def added_json(added: Added, fits: dict[int, StoredFit]) -> dict[str, Any]:
 def _list(options: argparse.Namespace) -> Answer:
     opened = _opened(options)
     tests, fits = opened.tests, opened.fits
+    made: dict[int, list[StoredFit]] = {}
+    for fit in fits:
+        made.setdefault(fit.test, []).append(fit)
     rows: list[list[str | Wide]] = [["test", "date", "machine", "readings", "file"]]
     for test in tests:
         file = Path(test.sources[-1]).name
         more = f" and {len(test.sources) - 1} more" if len(test.sources) > 1 else ""
         state = "" if test.superseded is None else f" (superseded by test {test.superseded})"
         rows.append([str(test.number), test.date, test.machine, str(test.readings), f"{file}{more}{state}"])
-        rows += [["", Wide(f"fit {f.number}: {_fit_words(f)}", 4, remark=True)] for f in fits if f.test == test.number]
+        rows += [["", Wide(f"fit {f.number}: {_fit_words(f)}", 4, remark=True)] for f in made.get(test.number, ())]
     table = text_table(rows, "<5 <20 <12 >9 <1")
     return Answer(text="\n".join([repr(opened)[1:-1], *table]), plain=lambda: {"tests": tests, "fits": fits})
 
