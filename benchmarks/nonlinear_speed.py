@@ -144,7 +144,8 @@ def _with_arrays(case: Case) -> Case:
     base, line = block.base, block.base.line
     arrays = {
         "w": base.frequency[line], "speed": base.speed[line], "force": base.force[line, 0].real, "known": case.known,
-        "clearance": CLEARANCE, "eps": block.eccentricity[line], "measured": block.measured, "weight": 1 / block.sigma,
+        "clearance": CLEARANCE, "eps": block.eccentricity[0, line], "measured": block.measured,
+        "weight": 1 / block.sigma,
     }  # fmt: skip
     return Case(case.name, case.model, case.tests, case.known, arrays)
 

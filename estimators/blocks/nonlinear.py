@@ -13,7 +13,7 @@ from rotorfit.base.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.estimators.blocks.observations import OnResponses, Responses
 from rotorfit.estimators.blocks.response import inverse_of_lines, read_by_probes, read_by_probes_jacobian
 from rotorfit.models import RotorModel
-from rotorfit.models.motion.journal import Journal, journals, known_structure, line_stiffness
+from rotorfit.models.motion.journal import Journal, LineStiffness, journals, known_structure, line_stiffness
 from rotorfit.models.motion.orbits import (
     LARGEST_ECCENTRICITY,
     CentredMotion,
@@ -46,10 +46,14 @@ class OrbitResponses(OnResponses):
     mode: OrbitBranch  # which root
     sweep: Index  # number of the sweep of each line, for ``followed``; lines are in the sweep's order
 
-    @property
+    @cached_property
     def journals(self) -> tuple[Journal, ...]:
         """Where eccentricities enter."""
         return journals(self.model)
+
+    @cached_property
+    def _graph(self) -> LineStiffness:
+        return line_stiffness(self.model)
 
     @property
     def frozen(self) -> OrbitResponses:
@@ -164,7 +168,7 @@ class OrbitResponses(OnResponses):
     def _stiffness(self, vectors: Float, frequency: Float, eccentricity: Float) -> ComplexArray:
         """Dynamic stiffness of every line at a frequency of its own, likewise."""
         first, *others = eccentricity
-        graph = line_stiffness(self.model)
+        graph = self._graph
         kappa = graph.values(vectors, frequency, self._speed, first)
         for seat, own in zip(self.journals[1:], others, strict=True):  # each entry by the orbit of its own journal
             kappa[seat.at, seat.at] = graph.values(vectors, frequency, self._speed, own)[seat.at, seat.at]
@@ -225,7 +229,7 @@ class OrbitResponses(OnResponses):
 
     def _by_kappa(self, state: _State) -> ComplexArray:
         """Derivatives of the stiffness's entries, each at the eccentricity of its own journal."""
-        graph = line_stiffness(self.model)
+        graph = self._graph
         found = [graph.slopes(state.theta, self._frequency, self._speed, eps) for eps in state.eps]
         for seat, own in zip(self.journals[1:], found[1:], strict=True):
             there = np.array(graph.rows) == seat.at  # which has this eccentricity on the diagonal alone
@@ -271,7 +275,7 @@ class OrbitResponses(OnResponses):
         self, left: ComplexArray, by_kappa: ComplexArray, known: KnownStiffness | None, right: ComplexArray, count: int
     ) -> ComplexArray:
         """``-left dkappa right`` by the parameters and, last, by eccentricities, shape ``(P + J, ..., L)``."""
-        graph = line_stiffness(self.model)
+        graph = self._graph
         seats = {seat.at: number for number, seat in enumerate(self.journals)}
         total = np.zeros((count + len(seats), *left.shape[1:]), dtype=complex)
         products: dict[tuple[int, int], ComplexArray] = {}

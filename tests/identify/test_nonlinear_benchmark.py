@@ -45,7 +45,7 @@ def test_the_rival_of_the_speed_benchmark_solves_the_same_equation() -> None:
     base, line = block.base, block.base.line
     data = {
         "w": base.frequency[line], "speed": base.speed[line], "force": base.force[line, 0], "clearance": CLEARANCE,
-        "eps": block.eccentricity[line],
+        "eps": block.eccentricity[0, line],
     }  # fmt: skip
     found = nonlinear_rival.response(ONE_MODE, data)
     np.testing.assert_allclose(found, block.predict(model.vector(ONE_MODE)[None]), rtol=1e-10)
