@@ -125,11 +125,15 @@ def _values_with(block: Responses, acting: Sequence[tuple[Act, float]]) -> Cause
 
 def columns(problem: Problem, x: Float, causes: Sequence[Cause]) -> ComplexArray:
     """Changes of the whitened residuals by a unit of each cause, shape ``(R, k)``."""
-    theta, rows = problem.space.theta(x), []
+    theta, begin = problem.space.theta(x), 0
+    found = np.empty((len(causes), problem.n_data // 2), dtype=complex)
     for number, block in enumerate(problem.blocks):
         motion = Motion(block=block, theta=theta)
-        changes = np.array([one.act.change(motion) for one in causes]).reshape(len(causes), block.measured.size)
+        factor: ComplexArray | float = 1.0
         if problem.factors and problem.factors[number] is not None:
-            changes = changes * np.exp(np.asarray(problem.factors[number]) @ x[len(problem.space.names) :])
-        rows.append(whiten(block, changes).T)
-    return np.concatenate(rows)
+            factor = np.exp(np.asarray(problem.factors[number]) @ x[len(problem.space.names) :])
+        here = slice(begin, begin + block.measured.size)
+        for row, one in zip(found, causes, strict=True):
+            row[here] = whiten(block, one.act.change(motion) * factor)
+        begin += block.measured.size
+    return found.T

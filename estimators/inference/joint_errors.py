@@ -13,14 +13,14 @@ With the fitted values eliminated, ``c`` has the covariance ``C_c`` and moves th
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from rotorfit.base.array_types import Bool, ComplexArray, Float, Index
-from rotorfit.estimators.noise.run_effects import inverse_of_determined, products
+from rotorfit.estimators.noise.run_effects import cached, inverse_of_determined, products
 
 TOLD = 0.05
 """Determined share of a cause below which a test of it would be one of round-off and curvature. Chosen."""
@@ -101,17 +101,26 @@ class JointErrors:
             one_sided: causes that are never negative.
             runs: changes of the residuals by a standard deviation of what each run may differ by, shape ``(2 R, m)``.
         """
-        rows, own = _real(J), _real(B)
-        moves = -inverse @ (rows.T @ own)
-        seen = own + rows @ moves  # what the fitted values do not take up
-        scaled = seen * size
-        covar = _inverse_beside_one(scaled)
-        residual = np.concatenate([r.real, r.imag])
-        free = -size * (covar @ (scaled.T @ residual))
+        parts = [(some, np.concatenate([some, some + r.size])) for some in cached(np.arange(r.size))]
+        moves = -inverse @ np.sum([(J[some].conj().T @ B[some]).real for some, _ in parts], axis=0)
+
+        def seen() -> Iterator[Float]:
+            """What the fitted values do not take up, in units of the sizes, by parts of the readings."""
+            return ((_real(B[some]) + _real(J[some]) @ moves) * size for some, _ in parts)
+
+        covar = _inverse_beside_one(seen)
+        residual = [_real(r[some]) for some, _ in parts]
+        free = -size * (covar @ np.sum([own.T @ at for own, at in zip(seen(), residual, strict=True)], axis=0))
         z = None
         if runs is not None:
-            left = runs - rows @ (inverse @ (rows.T @ runs))
-            z = _scores(np.hstack([scaled, left]), residual)[: size.size]
+            taken = inverse @ np.sum([_real(J[some]).T @ runs[both] for some, both in parts], axis=0)
+
+            def beside() -> Iterator[Float]:
+                """The same beside what the fitted values leave of the runs."""
+                left = (runs[both] - _real(J[some]) @ taken for some, both in parts)
+                return (np.hstack(pair) for pair in zip(seen(), left, strict=True))
+
+            z = _scores(beside, residual)[: size.size]
         unit = np.outer(size, size)
         return cls(size=size, one_sided=one_sided, free=free, covar=covar * unit, moves=moves, z_beside_runs=z)
 
@@ -215,22 +224,26 @@ class JointErrors:
         )
 
 
-def _scores(columns: Float, residual: Float) -> Float:
+def _scores(columns: Callable[[], Iterator[Float]], residual: Sequence[Float]) -> Float:
     """Scores against none of sizes in units of what they are before the data; NaN where the data do not tell."""
     covar = _inverse_beside_one(columns)
+    push = np.sum([own.T @ at for own, at in zip(columns(), residual, strict=True)], axis=0)
     left = np.diag(covar)
     told = left < 1 - TOLD
     scatter = np.sqrt(np.where(told, left * (1 - left), 1.0))
-    return np.where(told, -(covar @ (columns.T @ residual)) / scatter, np.nan)
+    return np.where(told, -(covar @ push) / scatter, np.nan)
 
 
-def _inverse_beside_one(columns: Float) -> Float:
-    """``inv(1 + B' B)``: of products where they keep the digits, else of the columns themselves."""
-    gram = columns.T @ columns
+def _inverse_beside_one(columns: Callable[[], Iterator[Float]]) -> Float:
+    """``inv(1 + B' B)``, B by parts of its rows: of products where they keep the digits, else of the columns."""
+    gram = np.sum([own.T @ own for own in columns()], axis=0)
     largest = 1e8  # of the products, which then tell sizes of one in eight digits
     if np.einsum("kk->k", gram).max(initial=0.0) < largest:
         return np.asarray(np.linalg.inv(gram + np.eye(len(gram))))
-    _, size, basis = np.linalg.svd(np.linalg.qr(columns, mode="r"))
+    root = np.zeros((0, len(gram)))
+    for own in columns():
+        root = np.asarray(np.linalg.qr(np.vstack([root, own]), mode="r"))
+    _, size, basis = np.linalg.svd(root)
     return np.asarray((basis.T / (1 + size**2)) @ basis)
 
 

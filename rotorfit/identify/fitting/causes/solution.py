@@ -87,17 +87,19 @@ class JointSearch:
         """The errors where the noise is what the problem takes it for, by the derivatives where the causes act: beside
         those of the rotor without them, what the fitted values take up would seem to be told by the data."""
         r = self.problem.residuals(self.x)
-        root = np.sqrt(robust_weights(self.problem.loss, np.abs(r) ** 2)[1])[:, None]
-        J = self.J * root
+        root = np.sqrt(robust_weights(self.problem.loss, np.abs(r) ** 2)[1])
+        r, J, B = r - self.columns @ self.sizes, self.J, self.columns
+        if (root != 1).any():
+            r, J, B = r * root, J * root[:, None], B * root[:, None]
         information = np.asarray((J.conj().T @ J).real) + np.diag(prior_curvature(self.problem, self.x))
         found = JointErrors.of(
-            (r - self.columns @ self.sizes) * root[:, 0],
+            r,
             J,
-            self.columns * root,
+            B,
             inverse=inverse_of_determined(information)[0],
             size=self.before,
             one_sided=np.array([cause.one_sided for cause in self.causes]),
-            runs=_few_runs(self.problem, self.x, root[:, 0]),
+            runs=_few_runs(self.problem, self.x, root),
         )
         # The sizes that go with the fitted values: along what nothing determines, others are as good.
         return replace(found, free=self.sizes)

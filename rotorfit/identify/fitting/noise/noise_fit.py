@@ -67,8 +67,9 @@ class LinearisedFit:
 
     def weighed(self, sigma: Float) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
         """Residuals, derivatives and effects in units of another noise, and what :attr:`own` leaves of them."""
-        scale = (sigma / self.sigma)[:, None]
-        r, J, Z = self.r[:, None] / scale, self.J / scale, self.Z / scale
+        scale, r, J, Z = (sigma / self.sigma)[:, None], self.r[:, None], self.J, self.Z
+        if (scale != 1).any():  # else there is no need of copies
+            r, J, Z = r / scale, J / scale, Z / scale
         if self.own:
             basis = self.own_basis(sigma)
             r, J = without(self.own, basis, r), without(self.own, basis, J)
