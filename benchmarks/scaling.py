@@ -182,7 +182,7 @@ def draw_figure(costs: Sequence[Cost], path: Path) -> None:
             axis.plot([c.size for c in chosen], [getattr(c, field) for c in chosen], "o-", ms=3.5, label=name)
         axis.set(xscale="log", yscale="log", xlabel=label, ylabel="time / ms")
         axis.grid(alpha=0.3)
-    axes[1].legend(frameon=False, loc="upper left")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
     ticks = [cost.size for cost in costs if cost.against == "planes"]
     axes[1].set_xticks(ticks, [str(tick) for tick in ticks])
     axes[1].minorticks_off()
