@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from any_test import rigs, same
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from sentences import refuses
 
@@ -216,7 +216,7 @@ def test_a_hundred_thousand_rows_take_a_second_or_two(tmp_path):
     assert time.process_time() - start < 6  # generous: the machine may be busy
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(test=rigs())
 def test_any_test_reads_back_to_fifteen_digits(tmp_path_factory, test):
     path = tmp_path_factory.mktemp("csv") / "t.csv"
@@ -224,7 +224,7 @@ def test_any_test_reads_back_to_fifteen_digits(tmp_path_factory, test):
     same(read_csv(path), test, rtol=1e-13)  # two conversions of units and 15 digits: a few 1e-15, phases of up to pi
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
     header=st.lists(st.one_of(st.sampled_from([*HEADER.split(","), *DISPLACEMENT.split(",")]), st.text(max_size=8))),
     rows=st.lists(st.lists(st.one_of(st.text(max_size=6), st.floats().map(str)), max_size=12), max_size=4),
@@ -257,7 +257,7 @@ def test_a_warning_of_a_file_names_the_line_that_read_it(tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:.*readings are empty")
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(cells=st.lists(st.one_of(st.text(max_size=4), st.floats().map(str)), min_size=10, max_size=10))
 def test_random_cells_are_read_or_refused_in_words(tmp_path_factory, cells):
     path = tmp_path_factory.mktemp("csv") / "t.csv"
@@ -265,7 +265,7 @@ def test_random_cells_are_read_or_refused_in_words(tmp_path_factory, cells):
     refused_in_words(path)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(content=st.binary(max_size=200))
 def test_random_bytes_are_refused_in_words(tmp_path_factory, content):
     path = tmp_path_factory.mktemp("csv") / "t.csv"

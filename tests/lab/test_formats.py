@@ -66,7 +66,7 @@ def test_uff_keeps_twelve_digits_of_any_test(place: Path, test: PerturbationTest
 
 
 @pytest.mark.slow
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(test=imposed_orbits())
 def test_imposed_orbits_keep_every_bit(place: Path, test: DisplacementTest) -> None:
     for suffix in (".nc", ".mat"):

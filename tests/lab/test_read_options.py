@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from sentences import refuses
 from synthetic import TYPICAL, circular_test
@@ -128,7 +128,7 @@ def test_probes_at_other_angles(rig: PerturbationTest, tmp_path: Path, first: fl
         np.testing.assert_allclose(again.sigma, rig.sigma, rtol=1e-12)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(first=st.floats(-180, 180), between=st.floats(10, 170), turn=st.sampled_from([-1, 1]))
 def test_any_two_probes_that_see_different_directions(first: float, between: float, turn: int) -> None:
     x, y = 3e-5 * np.exp(0.3j), 2e-5 * np.exp(-2j)

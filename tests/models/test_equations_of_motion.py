@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from beams import frequencies, shaft, solid_disk
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from own_model import Disk
 from scipy.integrate import solve_ivp
@@ -322,6 +322,7 @@ def value(z):
     return complex(float(z.re), float(z.im))
 
 
+@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])  # of a machine that is busy
 @given(numbers, numbers)
 def test_complex_type_computes_as_python_does(a, b):
     x, y = Complex.of(a), Complex.of(b)
