@@ -52,10 +52,10 @@ def plot_whirl(fit: FitResult, *, sheet: style.Sheet, group: int = 0, max_speed:
         axis.axvline(speed[0], color=style.GREY, lw=0.9, ls=":")
     across = _across(fit, group, branch)
     signs = np.sign(np.gradient(branch.eccentricity)), -np.sign(np.gradient(branch.speed))  # to one side of the branch
-    edges = []
+    edges = []  # as far in speed as the error of the onset says, still at right angles to the branch that was moved
     for side in (1, -1):
-        x = speed + side * signs[0] * share * across[0] * sheet.per_rad_s
-        y = (branch.eccentricity + side * signs[1] * across[1]) * clearance * factor
+        x = speed + side * signs[0] * across[0] * sheet.per_rad_s
+        y = (branch.eccentricity + side * signs[1] * across[1] / share) * clearance * factor
         edges.append(np.column_stack([x, y]))
     radius.add_patch(Polygon(np.concatenate([edges[0], edges[1][::-1]]), color=_STABLE, alpha=style.BAND, lw=0))
     radius.axhline(clearance * factor, color=style.GREY, lw=0.8)
