@@ -60,6 +60,16 @@ def test_what_is_a_table_at_its_beginning_alone(read: Callable[[Path], object], 
         read(path)
 
 
+def test_a_table_longer_than_any_test_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    with path.open("wb") as file:
+        file.write(b"a,b,c\n")
+        for _ in range(43):
+            file.write(b"1,2,3\n" * (1 << 20))
+    with soon(), pytest.raises(ValueError, match=r"^a\.csv has \d+ bytes; up to 268435456 are read of a table"):
+        rf.read(path)
+
+
 def test_workbooks_and_files_of_thousands_of_parts(tmp_path: Path) -> None:
     """Sheets were each looked at anew; entries of an HDF5 file took a fifth of a millisecond."""
     from openpyxl import Workbook

@@ -104,12 +104,17 @@ def test_json_of_records_is_the_table(tmp_path: Path, form: str) -> None:
     assert isinstance(same, PerturbationTest)
     np.testing.assert_allclose(test.response, same.response, rtol=1e-14)
     assert test.source == "a.json"
+    said = [finding.message for finding in test.findings if finding.code == "keys"]
+    assert len(said) == (form == "a list inside")
+    assert all("keys beside the records are not read: meta" in words for words in said)
 
 
-def test_json_may_hold_a_record_a_line(tmp_path: Path) -> None:
-    (tmp_path / "a.json").write_text("\n".join(map(json.dumps, RECORDS)) + "\n\n", encoding="utf-8")
+@pytest.mark.parametrize("suffix", ["json", "jsonl", "ndjson"])
+def test_json_may_hold_a_record_a_line(tmp_path: Path, suffix: str) -> None:
+    lines = tmp_path / f"a.{suffix}"
+    lines.write_text("\n".join(map(json.dumps, RECORDS)) + "\n\n", encoding="utf-8")
     (tmp_path / "b.json").write_text(json.dumps(RECORDS), encoding="utf-8")
-    same, test = read(tmp_path / "b.json"), read(tmp_path / "a.json")
+    same, test = read(tmp_path / "b.json"), read(lines)
     np.testing.assert_array_equal(test.response, same.response)
     (tmp_path / "c.json").write_text('{"run": 1}\n{"run": 2', encoding="utf-8")
     with pytest.raises(ValueError, match=r"c\.json is not JSON: Expecting"):

@@ -34,7 +34,7 @@ from rotorfit.lab.data.synchronous import uneven_weights
 from rotorfit.lab.data.weights import difference_unless_solved
 from rotorfit.lab.io.other_formats import unread_suffix
 from rotorfit.lab.io.tables.cells import EXCEL
-from rotorfit.lab.io.tables.json_records import SUFFIX
+from rotorfit.lab.io.tables.json_records import SUFFIXES as JSON
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -46,7 +46,7 @@ RECORDINGS = (".h5", ".hdf5", ".hdf", ".tdms", ".wav", ".parquet", ".npz", ".uf5
 """Suffixes that only recordings of raw signals have."""
 
 
-READ_ONLY = (*EXCEL, SUFFIX)
+READ_ONLY = (*EXCEL, *JSON)
 """Suffixes of tables that are not written."""
 
 

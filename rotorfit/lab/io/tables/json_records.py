@@ -19,7 +19,7 @@ from rotorfit.lab.io.tables.cells import check_columns
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-SUFFIX = ".json"
+SUFFIXES = (".json", ".jsonl", ".ndjson")
 _LINES = re.compile(r"\s*\{[^\n]*\}\s*\n\s*\{")
 """How a file begins that holds an object a line."""
 _FORM = (
@@ -28,8 +28,8 @@ _FORM = (
 )
 
 
-def json_frame(path: Path) -> DataFrame:
-    """The rows of a file, blank where an object lacks a column."""
+def json_frame(path: Path) -> tuple[DataFrame, list[str]]:
+    """The rows of a file, blank where an object lacks a column, and the keys beside them, which are not read."""
     from pandas import DataFrame
 
     check_whole(path, "JSON")
@@ -42,7 +42,7 @@ def json_frame(path: Path) -> DataFrame:
         raise ValueError(f"{path.name} is not JSON: byte {problem.start} is no UTF-8") from problem
     except json.JSONDecodeError as problem:
         raise ValueError(f"{path.name} is not JSON: {problem}") from problem
-    rows = _records(path.name, content)
+    rows, beside = _records(path.name, content)
     columns = list(dict.fromkeys(key for row in rows for key in row))
     check_columns(path.name, len(columns))
     check_unpacked(path.name, 8.0 * len(rows) * len(columns), path.stat().st_size)
@@ -50,7 +50,7 @@ def json_frame(path: Path) -> DataFrame:
         for key, value in row.items():
             if isinstance(value, dict | list):
                 raise ValueError(f"{path.name}: record {number}, {key!r} holds several values; {_FORM}")
-    return DataFrame({key: [_cell(row.get(key)) for row in rows] for key in columns}, dtype=object)
+    return DataFrame({key: [_cell(row.get(key)) for row in rows] for key in columns}, dtype=object), beside
 
 
 def _check_memory(name: str, text: str) -> None:
@@ -64,21 +64,24 @@ def _check_memory(name: str, text: str) -> None:
         )
 
 
-def _records(name: str, content: Any) -> list[dict[str, Any]]:
-    """Rows in whatever of the known forms."""
+def _records(name: str, content: Any) -> tuple[list[dict[str, Any]], list[str]]:
+    """Rows in whatever of the known forms, and the keys beside them."""
+    beside: list[str] = []
     if isinstance(content, dict) and isinstance(content.get("columns"), list) and isinstance(content.get("data"), list):
         names, rows = [str(each) for each in content["columns"]], content["data"]
         if len(set(names)) == len(names) and all(isinstance(row, list) and len(row) == len(names) for row in rows):
-            return [dict(zip(names, row, strict=True)) for row in rows]
+            known = {"columns", "data", "index"}  # pandas numbers the rows too
+            return [dict(zip(names, row, strict=True)) for row in rows], [key for key in content if key not in known]
     if isinstance(content, dict):
-        lists = [each for each in content.values() if isinstance(each, list)]
-        objects = [each for each in lists if each and all(isinstance(row, dict) for row in each)]
+        lists = {key: each for key, each in content.items() if isinstance(each, list)}
+        objects = [key for key, each in lists.items() if each and all(isinstance(row, dict) for row in each)]
         if len(objects) == 1:
-            content = objects[0]
-        elif len(lists) == len(content) and len({len(each) for each in lists}) == 1:
-            return [dict(zip(content, row, strict=True)) for row in zip(*lists, strict=True)]
+            beside = [key for key in content if key != objects[0]]
+            content = lists[objects[0]]
+        elif len(lists) == len(content) and len({len(each) for each in lists.values()}) == 1:
+            return [dict(zip(content, row, strict=True)) for row in zip(*lists.values(), strict=True)], []
     if isinstance(content, list) and content and all(isinstance(row, dict) for row in content):
-        return content
+        return content, beside
     raise ValueError(f"{name} holds no records: {_FORM}")
 
 

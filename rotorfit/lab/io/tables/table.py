@@ -18,12 +18,13 @@ from numpy.typing import NDArray
 
 from rotorfit.base.array_types import Bool, Float, Index, Text
 from rotorfit.base.digits import counted
+from rotorfit.base.file_reading import check_whole, shown
 from rotorfit.base.names import nearest, unknown_name
 from rotorfit.base.units import UNITS, find_unit, units_of
 from rotorfit.lab.data.findings import Finding
 from rotorfit.lab.io.sampling import time_factor
 from rotorfit.lab.io.tables.cells import NOT_TAKEN, Numbers, frame_cells, lacking, read_cells, taken
-from rotorfit.lab.io.tables.json_records import SUFFIX, json_frame
+from rotorfit.lab.io.tables.json_records import SUFFIXES, json_frame
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -153,10 +154,12 @@ def read_table(
     """Columns of a CSV file (comma, semicolon or tab), of a sheet of an Excel file or of a table in memory; those that
     are text by their names stay as they are written."""
     source = Path(path).name if isinstance(path, str | Path) else "DataFrame"
-    if isinstance(path, str | Path) and Path(path).suffix.lower() != SUFFIX:
+    beside: list[str] = []
+    if isinstance(path, str | Path) and Path(path).suffix.lower() not in SUFFIXES:
+        check_whole(Path(path), "a table")
         found = read_cells(Path(path), sheet, is_text, is_unit, progress)
     else:
-        frame = json_frame(Path(path)) if isinstance(path, str | Path) else path
+        frame, beside = json_frame(Path(path)) if isinstance(path, str | Path) else (path, beside)
         found = frame_cells(frame, is_text, source)
     if found is None:
         raise ValueError(f"{source} is empty; a tidy CSV has a header and rows. Known columns: {PERTURBATION_COLUMNS}")
@@ -166,7 +169,11 @@ def read_table(
     names = {name.replace("µ", "u").replace("μ", "u").lower(): name for name in header}
     if len(names) < len(header) or "" in names:
         raise ValueError(f"{source}: every column needs a name of its own, the header is {', '.join(header)}")
-    return Table(source=source, cells=dict(zip(names, columns, strict=True)), lines=lines, names=names)
+    table = Table(source=source, cells=dict(zip(names, columns, strict=True)), lines=lines, names=names)
+    if not beside:
+        return table
+    keys = f"{source}: keys beside the records are not read: {', '.join(map(shown, beside))}"
+    return table.noted("keys", f"{keys}; what holds for all readings is given with --constant NAME=VALUE (constants=)")
 
 
 # ---- columns that a test is read from ------------------------------------------------------------------------------
