@@ -27,7 +27,7 @@ tests = [
 
 fit = rf.fit(model, tests, known={"M": 1.2, "K": 8e3, "Ds": 8.0}, per={"D": "speed_rpm"})
 for name, parameter in fit.params.items():
-    print(f"{name:<20}{parameter.value:10.5g} +- {parameter.stderr:.2g} {parameter.unit}")
+    print(f"{name:<20}{parameter}")
 fit.plot.dynamic_stiffness()
 
 # %%

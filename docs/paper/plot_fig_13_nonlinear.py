@@ -26,7 +26,7 @@ test = rf.simulate(model, structure | fluid, speed_rpm=1600, frequency_rpm=rpm, 
 fit = rf.fit(model, test, known=structure)
 for name, value in fluid.items():
     parameter = fit.params[name]
-    print(f"{name:<4} truth {value:6g}   fitted {parameter.value:8.4g} +- {parameter.stderr:.2g} {parameter.unit}")
+    print(f"{name:<4} truth {value:6g}   fitted {parameter}")
 fit.plot.dynamic_stiffness()
 
 # %%

@@ -55,4 +55,4 @@ axes[0, 1].legend(fontsize=8)
 
 for name in fluid:
     one, other = by_cam.params[name], by_spinner.params[name]
-    print(f"{name:<4} cam {one.value:8.5g} +- {one.stderr:<8.2g} spinner {other.value:8.5g} +- {other.stderr:.2g}")
+    print(f"{name:<4} cam {one!s:<22} spinner {other}")

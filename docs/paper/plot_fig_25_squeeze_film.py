@@ -28,7 +28,7 @@ for pressure, stiffness in ((1, 5e3), (2, 15e3), (3, 25e3)):
     )  # fmt: skip
     line = fit.params["K0"].value + 1e3 - (fit.params["Mf"].value + 0.6) * np.array([0, squares.max()]) * 1e3
     axis.plot([0, squares.max()], line / 1e3, color=f"C{pressure}")
-    found = [f"{p.name} {p.value:.4g} +- {p.stderr:.1g} {p.unit}" for p in fit.params.values() if p.vary]
+    found = [f"{p.name} {p}" for p in fit.params.values() if p.vary]
     print(f"{pressure} bar: {', '.join(found)}")
 axis.axhline(0, color="0.7", lw=0.8)
 axis.set(xlabel="square of the perturbation frequency, 1000 rad²/s²", ylabel="direct dynamic stiffness, kN/m")

@@ -25,9 +25,7 @@ test = rf.simulate(
 fit = rf.fit(model, test, known={**structure, "D": 300.0, "Mf": 1.5})
 for name in ("K0", "lam", "n_K", "n_D", "b"):
     parameter = fit.params[name]
-    print(
-        f"{name:<4} truth {fluid[name]:6g}   fitted {parameter.value:8.4g} +- {parameter.stderr:.2g} {parameter.unit}"
-    )
+    print(f"{name:<4} truth {fluid[name]:6g}   fitted {parameter}")
 fit.plot.static_locus()
 
 # %%

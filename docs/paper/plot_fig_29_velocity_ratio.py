@@ -52,7 +52,7 @@ tests = [
 fit = rf.fit(model, tests, known=structure | {"Mf": 0.4})
 for name, value in fluid.items():
     parameter = fit.params[name]
-    print(f"{name:<4} truth {value:6g}   fitted {parameter.value:8.4g} +- {parameter.stderr:.2g} {parameter.unit}")
+    print(f"{name:<4} truth {value:6g}   fitted {parameter}")
 
 # %%
 # What Figs 29 (b) and (c) show, as numbers: the ratio of each tap, and the lam of the law at the same eccentricity.

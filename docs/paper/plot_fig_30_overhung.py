@@ -51,7 +51,7 @@ tests = [
 fit = rf.fit(model, tests, known={"It": 0.06})
 for name, value in truth.items():
     parameter = fit.params[name]
-    print(f"{name:<4} truth {value:8g}   fitted {parameter.value:9.5g} +- {parameter.stderr:.2g} {parameter.unit}")
+    print(f"{name:<4} truth {value:8g}   fitted {parameter}")
 fit.plot.polar()
 
 # %%

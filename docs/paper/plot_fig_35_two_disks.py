@@ -78,7 +78,7 @@ fit = rf.fit(model, net)
 print(f"redchi of the runs as they are {raw.redchi:.0f}, of their half differences {fit.redchi:.2f}")
 for name in ("M1", "M2", "K1", "K2", "K3", "D11", "D12", "D21", "D22"):
     parameter = fit.params[name]
-    print(f"{name:<4} paper {truth[name]:8g}   found {parameter.value:9.5g} +- {parameter.stderr:.2g} {parameter.unit}")
+    print(f"{name:<4} paper {truth[name]:8g}   found {parameter}")
 fit.plot.polar()
 
 # %%

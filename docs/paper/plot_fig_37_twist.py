@@ -73,11 +73,9 @@ record.plot.twist(marks={"νt": truth["nu_t"], "νt/2": truth["nu_t"] / 2})
 fit = rf.fit(shaft, rf.shaft_lines(record), known={"J": 2e-4})
 for name in ("M", "K", "D", "nu_t", "zeta_t"):
     parameter = fit.params[name]
-    print(
-        f"{name:<7} truth {truth[name]:6g}   fitted {parameter.value:9.5g} +- {parameter.stderr:.2g} {parameter.unit}"
-    )
+    print(f"{name:<7} truth {truth[name]:6g}   fitted {parameter}")
 found = fit.turning_anisotropy()
-print(f"dK      truth   2000   fitted {found.dK.value:9.5g} +- {found.dK.stderr:.2g} N/m")
+print(f"dK      truth   2000   fitted {found.dK}")
 fit.plot.lines()
 
 # %%
