@@ -45,6 +45,7 @@ class OrbitResponses(OnResponses):
     eccentricity: Float
     mode: OrbitBranch  # which root
     sweep: Index  # number of the sweep of each line, for ``followed``; lines are in the sweep's order
+    beside: ComplexArray | None = None  # dynamic stiffness that acts beside the rotor's, shape ``(L, n, n)``
 
     @cached_property
     def journals(self) -> tuple[Journal, ...]:
@@ -163,7 +164,12 @@ class OrbitResponses(OnResponses):
 
     def _receptance(self, vectors: Float, eccentricity: Float) -> ComplexArray:
         """Receptance of the rotor with its journals at eccentricities, shape ``(n, n, ..., L)``."""
-        return inverse_of_lines(self._stiffness(vectors, self._frequency, eccentricity))
+        kappa = self._stiffness(vectors, self._frequency, eccentricity)
+        return inverse_of_lines(kappa if self.beside is None else kappa + np.moveaxis(self.beside, 0, -1))
+
+    def stiffened(self, stiffness: ComplexArray) -> OrbitResponses:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return replace(self, beside=stiffness)
 
     def _stiffness(self, vectors: Float, frequency: Float, eccentricity: Float) -> ComplexArray:
         """Dynamic stiffness of every line at a frequency of its own, likewise."""

@@ -81,6 +81,10 @@ class Asked(Protocol):
         """The same with speeds so many times as fast."""
         return self  # type: ignore[return-value]
 
+    def stiffened(self, stiffness: ComplexArray) -> Block:
+        """The same with a dynamic stiffness beside the rotor's, shape ``(L, n, n)``, where it moves in orbits."""
+        return self  # type: ignore[return-value]
+
     def lines(self, keep: Bool) -> Block | None:
         """The observations of some lines, None where they are not made line by line."""
         return None

@@ -17,6 +17,7 @@ from rotorfit.estimators.inference.cause_acts import (
     Motion,
     OffPlane,
     OfReadings,
+    OfRotor,
     OfValues,
     SpeedLabel,
 )
@@ -89,7 +90,8 @@ def block_with_causes(block: Block, theta: Float, causes: Sequence[Cause], sizes
 def _with_values(
     motion: Motion, acting: Sequence[tuple[Act, float]]
 ) -> tuple[ComplexArray, Sequence[tuple[Act, float]]]:
-    """Predictions of a rotor that is not linear with the true speeds and values, in full, and the other acts."""
+    """Predictions of a rotor that is not linear with the true speeds and values and with what acts on it, in full, and
+    the other acts."""
     base, apart = motion.base, motion.block.apart
     if base is None or apart is None:
         return motion.predicted, acting
@@ -98,8 +100,13 @@ def _with_values(
     changes = [(size, change) for act, size in acting if (change := act.changed(base.model, speed)) is not None]
     values = motion.theta[group] * (1 + sum((size * change[0] for size, change in changes), np.zeros(1)))
     values = values + sum((size * change[1] for size, change in changes), np.zeros(1))
-    rest = [(act, size) for act, size in acting if not isinstance(act, SpeedLabel | OfValues)]
-    return apart.at_speeds(1 + label).predict(values), rest
+    moved = apart.at_speeds(1 + label)
+    if (own := moved.circular) is not None:
+        parts = [act.stiffness(own, values, size) for act, size in acting if isinstance(act, OfRotor)]
+        moved = moved.stiffened(np.sum([part for part in parts if part is not None], axis=0)) if parts else moved
+    in_full = SpeedLabel | OfValues if own is None else SpeedLabel | OfValues | OfRotor
+    rest = [(act, size) for act, size in acting if not isinstance(act, in_full)]
+    return moved.predict(values), rest
 
 
 def _values_with(block: Responses, acting: Sequence[tuple[Act, float]]) -> CausedResponses:

@@ -30,6 +30,8 @@ def same(one: Any, other: Any) -> bool:
     """True if two values are of one kind and hold the same, arrays entry by entry.
 
     Example:
+        >>> import numpy as np
+        >>> from rotorfit.base.equality import same
         >>> same({"K": np.array([1.0, np.nan])}, {"K": np.array([1.0, np.nan])})
         True
     """

@@ -147,8 +147,15 @@ class _Rig:
 
     @cached_property
     def turning(self) -> bool:
-        """True for rotors in z = x + jy, whose causes act on the rotor too."""
-        return self.model.frame == "z" and all(c.axis == "z" for c in self.model.coordinates) and bool(self.circular)
+        """True for rotors in z = x + jy, whose causes act on the rotor too. Other tests of a rotor with a law have no
+        columns of those: beside them the orbits would tell what both hold."""
+        alone = not self.model.eccentricity_dependent or len(self.circular) == len(self.problem.blocks)
+        return (
+            self.model.frame == "z"
+            and all(c.axis == "z" for c in self.model.coordinates)
+            and bool(self.circular)
+            and alone
+        )
 
     def causes(self) -> Iterator[Cause]:
         """All causes that these tests and this model may have."""
@@ -338,7 +345,7 @@ class _Rig:
         """Values of the fluid that change with speed and along a sweep, speeds that are off, and a force that lags."""
         model, names = self.model, set(self.model.parameter_names)
         seats = fluid_coordinates(model)
-        tests = self.circular or self.blocks
+        tests = self.circular if self.turning else self.blocks
         speeds = np.unique(np.abs(np.concatenate([b.set_speed for b in tests])))
         start_ups = all(once_per_turn(b.frequency, b.speed).all() for b in tests)
         if model.speed_dependent and speeds.any() and not start_ups:
