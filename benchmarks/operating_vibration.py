@@ -30,13 +30,13 @@ from importlib.util import find_spec
 from time import process_time
 
 import numpy as np
+from operating_coverage import pole
 from reporting import RESULTS, environment, table, write_csv
 from scipy.signal import resample_poly
 
 import rotorfit as rf
 from rotorfit.base.array_types import ComplexArray
 from rotorfit.identify.fitting.headline import decrement_of
-from rotorfit.identify.fitting.structure.modes import Mode
 from rotorfit.models.motion.stability import eigenvalues, threshold_speed
 
 ORDERS = range(2, 13)  # states of a subspace model
@@ -208,12 +208,6 @@ def rows(rotor: Rotor, draw: int, minutes: float, kept: list[str]) -> Iterator[R
             for order, poles in found.items():
                 nearest = poles[np.argmin(np.abs(poles - s))]
                 yield Row(rotor.name, draw, what, f"{by} {order}", decrement(s), decrement(nearest), np.nan)
-
-
-def pole(mode: Mode) -> complex:
-    """Eigenvalue of a mode, 1/s."""
-    damped, ratio = mode.frequency.value, mode.damping_ratio.value
-    return complex(-abs(damped) * ratio / np.sqrt(max(1 - ratio**2, 1e-12)), damped)
 
 
 def summary(results: list[Row]) -> list[str]:

@@ -23,11 +23,11 @@ def beside_free_rotor(fit: FitResult) -> Iterator[Finding]:
     """Spectra that any matrices of damping and stiffness at each speed fit better than the rotor does, by more than
     chance."""
     ratio, freedom = likelihood_ratio(fit)
-    if not freedom:
+    if freedom <= 0:
         return
     from scipy.stats import chi2  # late: loading it takes longer than most fits
 
-    if freedom > 0 and chi2.sf(ratio, freedom) < LEAST_PROBABILITY:
+    if chi2.sf(ratio, freedom) < LEAST_PROBABILITY:
         text = (
             f"any damping and stiffness of {', '.join(fit.model.planes)} fit the spectra better than {fit.model.name} "
             f"does (likelihood ratio {significant(ratio, 3)}, {freedom} by chance): its equations, or what is known, "
