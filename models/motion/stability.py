@@ -131,7 +131,8 @@ def whirl_sense(model: RotorModel, theta: ArrayLike, speed: float, s: ComplexArr
     have one orbit; its sense, from x to y or back, says it."""
     swings = np.abs(s.imag) > _SENSELESS * np.abs(s)
     if model.frame == "z":
-        return np.where(swings & model.speed_dependent, np.sign(s.imag), 0.0).astype(np.intp)
+        told = model.speed_dependent or model.at_one_speed
+        return np.where(swings & told, np.sign(s.imag), 0.0).astype(np.intp)
     _, shape, _ = mode_vectors(np.asarray(model.motion(theta, speed)), s)
     half = shape.shape[-1] // 2
     x, y = shape[:, :half], shape[:, half:]

@@ -43,9 +43,10 @@ def test_the_command_writes_tables(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "is expected to become" in page
     for row in table.splitlines()[1:]:  # the page says what the table has
         plane, amount, low, high = row.split(",")[:4]
-        assert f"{plane}, amount" in page
-        assert f"<b>{float(amount):.4g}</b>" in page
-        assert f"95 %: {float(low):.4g} to {float(high):.4g}" in page
+        assert f"{plane.capitalize()}, amount" in page
+        assert 0.1 < float(high) - float(amount) < 1  # so that two decimals are the digits of the error
+        assert f"<b>{float(amount):.2f}</b>" in page
+        assert f"95 %: {float(low):.2f} to {float(high):.2f}" in page
 
 
 def test_given_weights_are_put_in_and_what_remains_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -94,6 +94,31 @@ def test_figures_of_uneven_shafts_can_be_read() -> None:
     assert "The shaft is not round: its stiffness varies by" in fit.summary()
 
 
+def test_modes_of_a_first_screen_are_those_in_the_tested_band_each_with_its_name() -> None:
+    """Six modes of a known shaft beyond the band are left out; one whose damping leaves the panel is named there."""
+    masses, springs = np.full(6, 0.4), np.full(7, 6e4)
+    stiffness = np.diag(springs[:-1] + springs[1:]) - np.diag(springs[1:-1], 1) - np.diag(springs[1:-1], -1)
+    planes = {"disk": 1, "seal": 4}
+    model = rf.models.KnownStructure(
+        np.diag(masses), None, None, stiffness, planes=planes, fluid="seal", damping="disk", dofs=("z",)
+    )
+    theta = model.vector({"Ds": 5.0, "K0": 1e4, "D": 400.0, "lam": 0.47, "Mf": 0.3})
+    half = np.linspace(20.0, 200.0, 12)
+    test = circular_test(model, theta, speeds=(250.0,), frequency=np.r_[-half[::-1], half], noise=0.003)
+    figure = plain_fit(model, test).plot.damping()
+    named = {text.get_text() for text in figure.axes[0].texts}
+    assert "1F" in named
+    assert not {"4F", "5F", "6F", "4B", "5B", "6B"} & named
+    assert faults_of(figure) == []
+    model = rf.models.OneMode()
+    theta = model.vector({"M": 1.2, "K": 2e3, "Ds": 8.0, "K0": 9e3, "D": 60.0, "lam": 0.46, "Mf": 0.4})
+    sweep = np.r_[-np.linspace(40.0, 170.0, 12)[::-1], np.linspace(40.0, 170.0, 12)]
+    test = circular_test(model, theta, speeds=(30.0, 60.0), frequency=sweep, noise=0.003)
+    leaving = plain_fit(model, test, known={"M": 1.2, "K": 2e3, "Ds": 8.0}).plot.damping()
+    assert {"1F", "1B"} < {text.get_text() for text in leaving.axes[0].texts}
+    assert faults_of(leaving) == []
+
+
 def test_the_budget_can_be_read() -> None:
     fit = rf.fit(rf.models.WhirlWhip(), rf.datasets.rig_lumped(), known={"K3": 6000.0})
     assert faults_of(fit.plot.budget()) == []

@@ -13,6 +13,8 @@ from synthetic import TYPICAL, circular_test
 from turbulence import ONE_MODE, recorded
 
 import rotorfit as rf
+from rotorfit.identify.fitting.headline import modes_at, named_modes
+from rotorfit.show.plots.figure_table import first_figures
 
 MODEL = rf.models.OneMode()
 KNOWN = {"M": 1.0, "K": 7000.0, "Ds": 5.0}
@@ -45,6 +47,21 @@ def test_spectra_stand_at_signed_frequencies_about_those_of_the_fit(test: rf.Ope
     page = rf.write_report(fit, tmp_path / "report.html").read_text(encoding="utf-8")
     assert "Operating vibration" in page
     assert "Spectrum of the operating vibration" in page
+
+
+def test_a_model_of_one_speed_keeps_backward_modes_and_shows_its_residuals(test: rf.OperatingTest) -> None:
+    """What no speed changes is told forward from backward by the data of its speed; residuals are those of noise."""
+    fit = plain_fit(rf.models.FreePolynomial(("journal",)), test)
+    names = [f"mode {name}" for name, _, _ in named_modes(modes_at(fit, float(test.speed[0])), sensed=True)]
+    told = {text.get_text().split()[0] for text in fit.plot.stability().axes[0].texts}
+    assert {name.removeprefix("mode ") for name in names} <= told
+    assert {"1F", "1B"} <= told
+    assert [name for name, _ in first_figures(fit, good=True)] == ["spectrum", "spectrum_misfit"]
+    assert first_figures(plain_fit(MODEL, test, known=KNOWN), good=False)[1][0] == "spectrum_misfit"
+    figure = fit.plot.spectrum_misfit()
+    assert faults_of(figure) == []
+    off = np.concatenate([line.get_ydata() for line in figure.axes[0].lines if len(line.get_xdata()) > 2])
+    assert np.std(off) == pytest.approx(1, abs=4 / np.sqrt(2 * off.size))
 
 
 def test_several_speeds_are_told_apart() -> None:

@@ -246,7 +246,7 @@ def test_groups_outliers_priors_and_closed_form(tmp_path: Path) -> None:
     page = report_of(fit, tmp_path / "report.html")
     assert "Threshold of instability, speed_rpm=1000" in page.shown
     assert "D[speed_rpm=2000]" in page.shown
-    assert "Outliers were given less weight (huber loss)" in page.shown
+    assert "outliers weigh little (huber loss)" in page.shown
     words = "--known K3=6000 --bounds lam=0:0.6 --prior sigma=1:0.01 --start D=300 --per D=speed_rpm"
     assert f"{words} --loss huber --phase-offsets" in page.shown
     assert "start={'D': 300.0}" in page.shown

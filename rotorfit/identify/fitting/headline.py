@@ -131,12 +131,16 @@ class Headline:
     @cached_property
     def verdict(self) -> str:
         """One or two sentences."""
-        fit = self.fit
         if self.errors:
             return "The data have an error, which is named below: no number here can be relied on."
-        if not fit.success:
+        if not self.fit.success:
             return "The fit did not converge: no number here can be relied on."
-        return " ".join([*_said_of(fit, self.numbers), *_agreement(fit)])
+        return " ".join(filter(None, (self.meaning, *_agreement(self.fit))))
+
+    @cached_property
+    def meaning(self) -> str:
+        """Of the verdict what the numbers mean; how model and data agree is the first of the checks."""
+        return " ".join(_said_of(self.fit, self.numbers))
 
     @cached_property
     def checks(self) -> tuple[Check, ...]:
@@ -244,7 +248,7 @@ def _anisotropy(fit: FitResult) -> Iterator[KeyNumber]:
         yield KeyNumber(name="dK/K", meaning="share of the stiffness", quantity=100 * found.ratio, unit="%")
     instead = "" if math.isfinite(found.angle.stderr) else "not determined"
     angle = found.angle.to("deg")
-    yield KeyNumber(name="angle", meaning="of the stiff direction", quantity=angle, instead=instead)
+    yield KeyNumber(name="stiff direction", meaning="angle on the shaft", quantity=angle, instead=instead)
 
 
 def _law(fit: FitResult) -> Iterator[KeyNumber]:
@@ -255,7 +259,8 @@ def _law(fit: FitResult) -> Iterator[KeyNumber]:
 
 
 def _least_damping(fit: FitResult) -> Iterator[KeyNumber]:
-    """Logarithmic decrement of the least damped mode at the highest tested speed."""
+    """Logarithmic decrement of the least damped mode at the highest tested speed; of two modes, or of a model without
+    numbers of its own, those of all."""
     if not fit.success or fit.model.turns:
         return
     speed = top_speed(fit)
@@ -267,8 +272,8 @@ def _least_damping(fit: FitResult) -> Iterator[KeyNumber]:
     # Forward of two that are damped alike but for round-off
     least = min(swinging, key=lambda one: (float(significant(one[1].value, 9)), not one[0].endswith("F")))
     where = f" at {significant(speed * RPM_PER_RAD_S, 4)} rpm" if fit.model.speed_dependent else ""
-    every = fit.model.of_modes and len(swinging) == 2  # there is room for both dampings
-    for mode, zeta in swinging if every else [least]:
+    every = fit.model.at_one_speed or (fit.model.of_modes and len(swinging) == 2)  # there is room for both dampings
+    for mode, zeta in sorted(swinging, key=lambda one: one is not least) if every else [least]:
         name = f"{'' if every else 'least '}damping, {mode if speed > 0 else f'mode {mode}'}"
         yield KeyNumber(name=name, meaning=f"log. decrement{where}", quantity=decrement_of(zeta), unit="log dec")
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from rotorfit.base.accessors import Accessor
 from rotorfit.base.array_types import ROUND_OFF, ComplexArray, Float, Index
-from rotorfit.base.digits import significant
+from rotorfit.base.digits import significant, with_error
 from rotorfit.base.equality import ByValue
 from rotorfit.base.names import unknown_name
 from rotorfit.base.significance import quantile
@@ -99,12 +99,16 @@ class Balance(ByValue, Printed):
         if not np.isfinite(self.expected).any():
             return ""
         before, after = int(np.argmax(np.abs(self.before))), int(np.nanargmax(np.abs(self.expected)))
-        reach = _reach(quantile(0.95, self.freedom) * self.stderr[after] * 1e6)
-        left = f"{significant(abs(self.expected[after]) * 1e6, 3)} {reach}"
+        left = " ".join(told(abs(self.expected[after]) * 1e6, self.reaches[after] * 1e6))
         return (
             f"The largest vibration, {significant(abs(self.before[before]) * 1e6, 3)} um 0-pk ({self._probe(before)}), "
             f"is expected to become {left} um 0-pk ({self._probe(after)})."
         )
+
+    @property
+    def reaches(self) -> Float:
+        """Half of the 95 % interval of each expected vibration, m."""
+        return quantile(0.95, self.freedom) * self.stderr
 
     def _probe(self, reading: int) -> str:
         return f"{' '.join(self.readings[reading])} at {self.speed[reading] * RPM_PER_RAD_S:.0f} rpm"
@@ -120,11 +124,11 @@ class Balance(ByValue, Printed):
         rows = [["probe", "rpm", "before, um 0-pk", "expected", ""]]
         for k, (plane, direction) in enumerate(self.readings):
             known = np.isfinite(self.expected[k])
-            reach = _reach(quantile(0.95, self.freedom) * self.stderr[k] * 1e6) if known else ""
-            both = (self.before[k], self.expected[k])
+            left, reach = told(abs(self.expected[k]) * 1e6, self.reaches[k] * 1e6) if known else ("", "")
+            sizes = (significant(abs(self.before[k]) * 1e6, 3), left)
             values = (
-                f"{significant(abs(v) * 1e6, 3)} @ {np.degrees(np.angle(v)):.0f}" if np.isfinite(v) else "not known"
-                for v in both
+                f"{size} @ {np.degrees(np.angle(v)):.0f}" if np.isfinite(v) else "not known"
+                for size, v in zip(sizes, (self.before[k], self.expected[k]), strict=True)
             )
             rows.append([f"{plane} {direction}", f"{self.speed[k] * RPM_PER_RAD_S:.0f}", *values, reach])
         return "\n".join([*lines, "", *text_table(rows, "<14 >8 >20 >20 <14"), *self.remarks])
@@ -139,11 +143,9 @@ class Balance(ByValue, Printed):
             (_, high), (_, late) = self.interval(plane)
             reach, turn = high * 1e6 - size, float(np.degrees(late)) - angle
             exact = plane in self.at_limit or not np.nan_to_num(self.covariance, nan=1.0).any()
-            reached = "" if exact else _reach(reach)
             row = [
                 plane,
-                significant(size, 4),
-                reached,
+                *((significant(size, 4), "") if exact else told(size, reach)),
                 f"{angle % 360:.1f}",
                 "" if exact and plane not in self.at_limit else _reach(turn, 180.0),
                 f"{-angle % 360:.1f}",
@@ -157,6 +159,14 @@ def _reach(value: float, turn: float = np.inf) -> str:
     if not np.isfinite(value):
         return "+- ?"
     return f"+- {significant(value, 2)}" if value < turn else "any"
+
+
+def told(value: float, reach: float) -> tuple[str, str]:
+    """A value to the second digit of half of its 95 % interval, and that half; to few digits where none is known."""
+    if not (np.isfinite(reach) and reach > 0):
+        return significant(value, 3), "" if reach == 0 else _reach(reach)
+    shown, half = with_error(value, reach)
+    return shown, f"+- {half}"
 
 
 def balance(

@@ -22,12 +22,10 @@ from rotorfit.show.plots.style import (
     GREY,
     HALF,
     MARKERS,
-    SMALL_TYPE,
     Sheet,
     colour_of,
     draw_curve,
     end_labels,
-    halo,
     legend_below,
     literal,
     on_sheet,
@@ -101,9 +99,7 @@ def whirl_ratio(table: CoefficientRows, *, sheet: Sheet) -> Figure:
     low, high = axis.get_ylim()
     axis.set_ylim(min(low, 0.44), max(high, 0.54))
     axis.axhline(0.5, color=GREY, lw=0.9, ls=(0, (6, 2)), zorder=1)
-    axis.annotate("0.5, half of shaft speed", (0.02, 0.5), (0, 2), xycoords=axis.get_yaxis_transform(),
-                  textcoords="offset points", fontsize=SMALL_TYPE, color=GREY, path_effects=halo())  # fmt: skip
-    end_labels(axis, labels if len(series) > 1 else [])
+    end_labels(axis, [*(labels if len(series) > 1 else []), ("half of speed", 0.5, GREY)])
     axis.set_xlabel(f"shaft speed, {sheet.rate_unit}")
     return figure
 

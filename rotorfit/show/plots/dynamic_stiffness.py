@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -303,7 +304,7 @@ def _entry(
     factor, unit = style.prefix(np.concatenate(values), _unit(fit, row, column))
     together = pair[0] is pair[1]
     _limits(pair, factor, every, [p for several in points for p in several])
-    left_out = [0, 0]
+    left_out, widened = [0, 0], math.sqrt(fit.redchi) if fit.model_limited else 1.0
     for rank, (some, curves, measured) in enumerate(zip(shown, lines, points, strict=True)):
         colour, speed = some.condition.colour, some.condition.speed
         for number, (axis, part) in enumerate(zip(pair, (np.real, np.imag), strict=True)):
@@ -321,7 +322,7 @@ def _entry(
                 # A response that is all noise looks stiffer or softer, and surer, than the fit has it.
                 size = np.abs(np.nan_to_num(_along(curves, p.frequency))) / np.abs(p.kappa)
                 sigma = factor * p.sigma * np.maximum(size, 1.0) ** 2
-                left_out[number] += style.draw_points(axis, x, y, sigma, expected, marks)
+                left_out[number] += style.draw_points(axis, x, y, sigma, expected, marks, widened=widened)
     name, count = _name(fit, row, column), sum(p.kappa.size for several in points for p in several)
     if together:
         style.panel_title(pair[0], f"{name}, {unit}")

@@ -129,6 +129,10 @@ FIGURES: tuple[ReportFigure, ...] = (
 """Figures in their order; further kinds of experiments add theirs here."""
 
 
+_MISFITS = {"spectral lines": "line_misfit", "responses": "misfit", "spectra": "spectrum_misfit"}
+"""Half figures of residuals, by the kind of data that they are of."""
+
+
 def figures_of(fit: FitResult) -> list[ReportFigure]:
     """Figures that show the data of a fit, in their order."""
     kinds = {kind for block in fit.problem.blocks for kind in _kinds(block)}
@@ -147,10 +151,9 @@ def first_figures(fit: FitResult, *, good: bool) -> list[tuple[str, str]]:
     of_seal, changes = "coefficients" in leads_of(fit), fit.model.speed_dependent and not fit.model.turns
     found = []
     if "spectral lines" in kinds:
-        line = ("line", "A line of the shaft's motion against frequency")
-        growth = ("growth", "Growth rate of the least damped mode against speed")
-        return [line, growth if good else ("line_misfit", "Residuals over their noise against frequency")]
-    if "responses" in kinds and not of_seal and not changes:
+        found.append(("line", "A line of the shaft's motion against frequency"))
+        found.append(("growth", "Growth rate of the least damped mode against speed"))
+    elif "responses" in kinds and not of_seal and not changes:
         found.append(("largest_response", "Amplitude of the largest response against frequency"))
     if kinds & {"orbits", "loads", "impulses"}:
         found.append(("relative_law", "Fluid over its value in the centre against eccentricity"))
@@ -162,6 +165,5 @@ def first_figures(fit: FitResult, *, good: bool) -> list[tuple[str, str]]:
         found.append(("whirl_ratio", "Whirl frequency ratio against speed"))
     elif changes and fit.success:
         found.append(("damping", "Damping ratio of the whirl modes against speed"))
-    if "responses" in kinds:
-        found = [*found[: 2 if good else 1], ("misfit", "Residuals over their noise against frequency")]
-    return found[:2]
+    misfit = [(_MISFITS[kind], "Residuals over their noise against frequency") for kind in _MISFITS if kind in kinds]
+    return [*found[: 2 if good or not misfit else 1], *misfit][:2]

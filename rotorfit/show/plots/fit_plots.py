@@ -18,7 +18,7 @@ from rotorfit.show.plots.eccentricity import plot_law, plot_nonlinear_stiffness,
 from rotorfit.show.plots.figure_keywords import PlotKeywords
 from rotorfit.show.plots.figure_table import figures_of
 from rotorfit.show.plots.modal import plot_mode_shapes, plot_stabilisation
-from rotorfit.show.plots.operating import plot_spectra, plot_spectrum
+from rotorfit.show.plots.operating import plot_spectra, plot_spectrum, plot_spectrum_misfit
 from rotorfit.show.plots.responses import plot_largest_response, plot_misfit, plot_polar, plot_residuals
 from rotorfit.show.plots.shaft_lines import plot_growth, plot_line, plot_line_misfit, plot_lines
 from rotorfit.show.plots.stability import plot_damping, plot_stability
@@ -144,6 +144,10 @@ class FitPlots:
     def spectrum(self, *, plane: str | None = None, **look: Unpack[PlotKeywords]) -> Figure:
         """One of :meth:`spectra`, that of ``plane``, by default the last; ``ax`` and ``unit`` as for :meth:`bode`."""
         return plot_spectrum(self._fit, plane, **look)
+
+    def spectrum_misfit(self, **look: Unpack[PlotKeywords]) -> Figure:
+        """Residuals of all spectra over their noise; ``ax`` and ``unit`` as for :meth:`bode`."""
+        return plot_spectrum_misfit(self._fit, **look)
 
     def stability(self, *, beside: FitResult | None = None, **look: Unpack[PlotKeywords]) -> Figure:
         """Eigenvalues against speed, threshold with its interval; ``beside``, of :meth:`rotorfit.FitResult.what_if`, is

@@ -94,6 +94,34 @@ def plot_spectrum(fit: FitResult, plane: str | None = None, *, sheet: style.Shee
 
 
 @style.on_sheet
+def plot_spectrum_misfit(fit: FitResult, *, sheet: style.Sheet) -> Figure:
+    """Spectra of all planes less those of the fit, over their noise: the half figure of a fit that is not good."""
+    spectra = _of_fit(fit)
+    figure, ((axis,),) = sheet.grid(1, 1, "", size=style.HALF)
+    labels = []
+    for number, plane in enumerate(_planes(spectra)):
+        shown = [one for one in spectra if plane in one.planes]
+        off = [_off(one, plane) for one in shown]
+        x = np.concatenate([one.signed for one in shown]) * sheet.per_rad_s
+        colour, marker = style.colour_of(number, len(_planes(spectra))), style.MARKERS[number % len(style.MARKERS)]
+        axis.plot(x, np.concatenate(off), marker, color=colour, ms=2.2, alpha=0.6, mew=0)
+        labels.append((style.literal(plane), float(np.median(np.concatenate(off))), colour))
+    style.misfit_panel(axis)
+    style.end_labels(axis, labels if labels[1:] else [])
+    axis.set_xlabel(f"frequency, {sheet.rate_unit} (negative: backward)")
+    return figure
+
+
+def _off(one: _Spectra, plane: str) -> Float:
+    """A plane's spectrum less that of the fit, over the noise of its cells."""
+    if one.fitted is None:
+        raise ValueError("these spectra have no fit")
+    freedom = np.concatenate([one.freedom[::-1], one.freedom])
+    measured, fitted = one.root(one.measured, plane) ** 2, one.root(one.fitted, plane) ** 2
+    return np.asarray((measured / fitted - 1) * np.sqrt(freedom))
+
+
+@style.on_sheet
 def plot_coherence(test: OperatingTest, *, sheet: style.Sheet) -> Figure:
     """Coherence of motion forward and backward at every plane against frequency."""
     spectra = list(_of_test(test))

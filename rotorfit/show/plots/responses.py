@@ -37,6 +37,7 @@ from rotorfit.show.plots.style import (
     Sheet,
     halo,
     lines_within,
+    misfit_panel,
     on_sheet,
     opacity_of,
     panel_title,
@@ -270,16 +271,12 @@ def plot_misfit(fit: FitResult, *, sheet: Sheet) -> Figure:
     """All residuals over their noise against frequency in one panel: the half figure of a fit that is not good."""
     conditions, found = curves(fit, sheet)
     figure, ((axis,),) = sheet.grid(1, 1, "", size=HALF)
-    axis.set_title("Residuals over their noise")
     marks = dict(zip([c.name for c in conditions], cycle(MARKERS), strict=False))
     for curve in joined(found):
         x = np.tile(curve.frequency * sheet.per_rad_s, 2)
         look = {"marker": marks[curve.condition.name], "ls": "", "ms": 2.2, "alpha": 0.6, "mew": 0}
         both = np.concatenate([curve.whitened.real, curve.whitened.imag])
         axis.plot(x, both, color=curve.condition.colour, label=curve.condition.name, **look)
-    for level in (-2, 2):
-        axis.axhline(level, color=GREY, lw=0.9, ls=(0, (4, 2)))
+    misfit_panel(axis)
     axis.set_xlabel(frequency_label(sheet, found))
-    axis.text(0.99, 0.98, "noise alone: 95 % between the dashed lines", transform=axis.transAxes, ha="right", va="top",
-              fontsize=SMALL_TYPE, color=GREY, path_effects=halo())  # fmt: skip
     return figure

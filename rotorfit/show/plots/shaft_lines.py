@@ -189,12 +189,12 @@ def turning_stability(sheet: style.Sheet, fit: FitResult) -> Figure:
         axis.set_xlabel(f"rotative speed, {sheet.rate_unit}")
         axis.set_xlim(0, rpm[-1])
         _mark_bands(sheet, axis, bands)
-        mark_speeds(sheet, axis, _tested(fit))
+        style.tested_speeds(axis, [speed * sheet.per_rad_s for speed in _tested(fit)])
     ranges = ", ".join(f"{low * sheet.per_rad_s:.0f} to {sheet.rate_words(high)}" for low, high in bands)
     entries: dict[str, Any] = {
         "lateral modes and their images": {"color": style.COLOURS[0], "lw": 1.3},
         "1×: frequency = speed": {"color": style.AXES, "lw": 0.9, "ls": "--"},
-        "tested speed": {"color": style.INK, "marker": "^", "ls": ""},
+        "tested speed": {"color": style.GREY, "lw": 0.9, "ls": (0, (2, 2))},
     }
     style.legend_below(
         figure, entries | ({f"unstable, {ranges}": Patch(color=style.CRITICAL, alpha=0.2)} if bands else {})
@@ -235,7 +235,7 @@ def plot_growth(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     style.panel_title(axis, "Growth rate of the least damped mode, 1/s")
     axis.set(xlabel=f"shaft speed, {sheet.rate_unit}", xlim=(0, speeds[-1] * sheet.per_rad_s))
     _mark_bands(sheet, axis, bands)
-    mark_speeds(sheet, axis, _tested(fit))
+    style.tested_speeds(axis, [speed * sheet.per_rad_s for speed in _tested(fit)])
     low, high = axis.get_ylim()
     axis.set_ylim(low, max(high, 0.1 * (high - low)))
     return figure
@@ -263,19 +263,10 @@ def plot_line(fit: FitResult, *, sheet: style.Sheet) -> Figure:
 def plot_line_misfit(fit: FitResult, *, sheet: style.Sheet) -> Figure:
     """Residuals of all lines over their noise: the half figure of a fit that is not good."""
     figure, ((axis,),) = sheet.grid(1, 1, "", size=style.HALF)
-    axis.set_title("Residuals over their noise")
     for curve in _curves(fit):
         whitened = (curve.measured - curve.fitted) / curve.sigma
         for part, marker in ((whitened.real, "o"), (whitened.imag, "x")):
             axis.plot(curve.frequency * sheet.per_rad_s, part, marker, ms=2.4, color=style.COLOURS[0], alpha=0.6)
-    for level in (-2, 2):
-        axis.axhline(level, color=style.GREY, lw=0.9, ls=(0, (4, 2)))
+    style.misfit_panel(axis)
     axis.set_xlabel(f"frequency, {sheet.rate_unit}")
     return figure
-
-
-def mark_speeds(sheet: style.Sheet, axis: Any, speeds: Iterable[float]) -> None:
-    """A triangle on the speed axis at each tested speed."""
-    for speed in speeds:
-        marker = {"marker": "^", "color": style.INK, "ms": 5, "clip_on": False}
-        axis.plot(speed * sheet.per_rad_s, 0.0, transform=axis.get_xaxis_transform(), **marker)

@@ -129,7 +129,10 @@ def _beside_words(sheet: style.Sheet, beside: FitResult, group: int) -> str:
 
 @style.on_sheet
 def plot_damping(fit: FitResult, *, sheet: style.Sheet, group: int = 0) -> Figure:
-    """Damping ratio of the whirl modes against speed, near the threshold: the half figure of a first screen."""
+    """Damping ratio of the whirl modes against speed, near the threshold: the half figure of a first screen.
+
+    Modes beyond the tested frequencies are left out, as they are of the numbers beside it.
+    """
     modes = _followed(fit, group)
     figure, ((axis,),) = sheet.grid(1, 1, "", size=style.HALF)
     axis.set_title("Damping ratio of the whirl modes")
@@ -137,9 +140,17 @@ def plot_damping(fit: FitResult, *, sheet: style.Sheet, group: int = 0) -> Figur
     top = 0.6  # largest damping ratio worth a place: what matters is near zero
     least = float(np.nanmin(zeta, initial=0.0))
     axis.set_ylim(min(-0.12, max(1.1 * least, -0.3)), top + 0.02)
-    for mode in range(zeta.shape[1]):
-        axis.plot(x, zeta[:, mode], **modes.look(mode))
-    style.end_labels(axis, [(name, zeta[-1, i], modes.look(i)["color"]) for i, name in enumerate(modes.names)])
+    shown = np.flatnonzero(np.abs(modes.s[modes.named_at].imag) <= fit.band).tolist()
+    for mode in sorted({*shown, *([] if modes.critical is None else [modes.critical])}):
+        look = modes.look(mode)
+        axis.plot(x, zeta[:, mode], **look)
+        below = np.flatnonzero(zeta[:, mode] <= top)
+        if below.size and zeta[-1, mode] > top:
+            leaves = (x[below[-1]], zeta[below[-1], mode])
+            axis.annotate(modes.names[mode], leaves, (-5, -1), textcoords="offset points", ha="right", va="top",
+                          fontsize=style.SMALL_TYPE, fontweight="bold", color=look["color"],
+                          path_effects=style.halo(), zorder=6)  # fmt: skip
+    style.end_labels(axis, [(modes.names[i], zeta[-1, i], modes.look(i)["color"]) for i in shown])
     _unstable(axis)
     _beside(sheet, axis, modes)
     return figure
@@ -253,8 +264,7 @@ def _beside(sheet: style.Sheet, axis: Any, modes: _Modes) -> None:
     """Tested speeds and the threshold."""
     x = modes.speeds[-1] * sheet.per_rad_s
     axis.set(xlabel=f"shaft speed, {sheet.rate_unit}", xlim=(0, x))
-    for speed in modes.tested.tolist():
-        axis.axvline(speed * sheet.per_rad_s, color=style.GREY, lw=0.9, ls=(0, (2, 2)), zorder=1)
+    style.tested_speeds(axis, (modes.tested * sheet.per_rad_s).tolist())
     onset = modes.onset
     if onset is None:
         return
@@ -263,7 +273,7 @@ def _beside(sheet: style.Sheet, axis: Any, modes: _Modes) -> None:
     words = _threshold_words(sheet, onset)
     if np.isfinite(onset.stderr):
         low, high = (end * sheet.per_rad_s for end in onset.interval(0.95))
-        axis.axvspan(low, high, color=style.CRITICAL, alpha=0.3, lw=0)
+        axis.axvspan(low, high, color=style.CRITICAL, alpha=0.15, lw=0)
     side = "left" if at < 0.25 * x else "right" if at > 0.75 * x else "center"
     axis.set_title(axis.get_title(loc="left"), pad=14)  # above the words
     axis.annotate(
@@ -315,9 +325,10 @@ def _modes(fit: FitResult, group: int, speeds: Float, at: int) -> tuple[ComplexA
     s = np.where(np.abs(s) <= fit.stability_band, s, complex(np.nan, np.nan))
     s = s[:, np.isfinite(s).any(axis=0)]
     s = s + _shifts(fit, group, speeds, s, at)
-    if fit.model.frame == "xy" or not fit.model.speed_dependent:
+    senseless = not (fit.model.speed_dependent or fit.model.at_one_speed)
+    if fit.model.frame == "xy" or senseless:
         s = s[:, s[at].imag >= 0]
-    if not fit.model.speed_dependent:
+    if senseless:
         s = s[:, np.sort(np.unique(s[at].round(9), return_index=True)[1])]
     there, last = (
         whirl_sense(fit.model, theta_at(fit, group, float(speeds[k])), float(speeds[k]), s[k]) for k in (at, -1)

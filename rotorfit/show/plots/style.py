@@ -282,16 +282,18 @@ class Marks(NamedTuple):
     hollow: bool = False
 
 
-def draw_points(axis: Any, x: Float, y: Float, sigma: Float, expected: Float, marks: Marks) -> int:
+def draw_points(
+    axis: Any, x: Float, y: Float, sigma: Float, expected: Float, marks: Marks, *, widened: float = 1.0
+) -> int:
     """Readings, paler where less certain; the number of those that are not drawn.
 
     Left out is what lies beyond the axis, and what 2 sigma of exceeds half of it. A reading more than 3.5 sigma off
-    what is expected is always drawn, ringed, at the edge where it lies beyond.
+    what is expected, sigma ``widened`` as errors are, is always drawn, ringed, at the edge where it lies beyond.
     """
     low, high = axis.get_ylim()
     size = high - low
     told = np.nan_to_num(2 * sigma, nan=0.0) < size / 2
-    odd = told & (np.abs(y - expected) > 3.5 * sigma) & (sigma > 0)
+    odd = told & (np.abs(y - expected) > 3.5 * widened * sigma) & (sigma > 0)
     shown = told & (((y >= low) & (y <= high)) | odd)
     opacity = np.clip(0.85 * (1 - 4 * np.nan_to_num(sigma) / size), 0.15, 0.85)
     at, reach = np.clip(y, low + 0.01 * size, high - 0.01 * size), (7.0, 1.0)
@@ -303,6 +305,20 @@ def draw_points(axis: Any, x: Float, y: Float, sigma: Float, expected: Float, ma
         ring = {"facecolors": "none", "edgecolors": marks.colour, "linewidths": reach[1], "zorder": 4, "clip_on": False}
         axis.scatter(x[shown & odd], at[shown & odd], s=36, **ring)
     return int(np.count_nonzero(~shown))
+
+
+def misfit_panel(axis: Any) -> None:
+    """The panel of residuals of a first screen: its title, and what noise alone would leave."""
+    axis.set_title("Residuals over their noise")
+    for level in (-2, 2):
+        axis.axhline(level, color=GREY, lw=0.9, ls=(0, (4, 2)))
+    above(axis, "noise: 95 % within dashes")
+
+
+def tested_speeds(axis: Any, speeds: Sequence[float]) -> None:
+    """A dashed line at each speed that was tested, in the units of the axis."""
+    for speed in speeds:
+        axis.axvline(speed, color=GREY, lw=0.9, ls=(0, (2, 2)), zorder=1)
 
 
 def below(axis: Any, words: str) -> None:

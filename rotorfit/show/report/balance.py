@@ -8,17 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
-from rotorfit.base.digits import significant
-from rotorfit.base.significance import quantile
+from rotorfit.base.digits import significant, with_error
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.identify.fitting.headline import MOST, Check, named_by
 from rotorfit.identify.fitting.quantities import Shown
-from rotorfit.lab.data.balancing import Balance
+from rotorfit.lab.data.balancing import Balance, told
 from rotorfit.show.plots.run_up_figure import plot_balance, plot_levels, plot_weights
 from rotorfit.show.plots.style import picture_of
 from rotorfit.show.report.html import Html, bullets, element, picture, table
 from rotorfit.show.report.page import page, write_whole
-from rotorfit.show.report.parts import section, sentence
+from rotorfit.show.report.parts import capital, section, sentence
 from rotorfit.show.report.verdict import card, check_of, join_spaced
 
 
@@ -73,7 +72,10 @@ def _ends(speeds: Sequence[int]) -> str:
 
 
 def _verdict(found: Balance, errors: Sequence[str]) -> Html:
-    said = found.verdict.replace("+-", "±").replace(" um", " µm") or "No run tells what weights do here."
+    said = (
+        found.verdict.replace(" +- ", "\u00a0±\u00a0").replace(" um", "\u00a0µm")
+        or "No run tells what weights do here."
+    )
     checks = list(_checks(found, errors))
     content = [element("h2", "Verdict", class_="unseen"), element("p", said, class_="headline")]
     content.append(element("p", *join_spaced(map(check_of, checks)), class_="checks"))
@@ -101,24 +103,28 @@ def _checks(found: Balance, errors: Sequence[str]) -> Iterator[Check]:
 def _cards(found: Balance) -> Iterator[Html]:
     """Amount and angle in each plane, and the largest vibration that remains."""
     for plane, amount, angle in _shown(found):
-        yield card(f"{plane}, amount", amount, [])
+        yield card(capital(f"{plane}, amount"), amount, [])
         lag = element("div", f"lag {_turned(-float(angle.value))}°", class_="more")
-        yield card(f"{plane}, angle (force_phase_deg)", angle, [lag])
+        yield card(capital(f"{plane}, angle (force_phase_deg)"), angle, [lag])
     if np.isfinite(found.expected).any():
         worst = int(np.nanargmax(np.abs(found.expected)))
-        reach = 1e6 * quantile(0.95, found.freedom) * found.stderr[worst]
+        size, reach = (1e6 * one for one in (abs(found.expected[worst]), found.reaches[worst]))
         where = f"{' '.join(found.readings[worst])} at {found.speed[worst] * RPM_PER_RAD_S:.0f} rpm"
-        value, error = significant(abs(found.expected[worst]) * 1e6, 3), _error(reach)
-        shown = Shown(value=value, error=error, unit="µm 0-pk")
-        yield card(f"largest that remains, {where}", shown, [element("div", "± 95 %", class_="more")])
+        shown = _within(size, max(size - reach, 0.0), size + reach, "µm 0-pk")
+        yield card(f"Largest that remains, {where}", shown, [])
 
 
 def _turned(degrees: float) -> str:
     return f"{degrees % 360:.1f}"
 
 
-def _error(reach: float) -> str:
-    return significant(reach, 2) if np.isfinite(reach) else ""
+def _within(value: float, low: float, high: float, unit: str) -> Shown:
+    """A value with its 95 % interval, all to the second digit of half of that; alone where there is none."""
+    reach = high - value
+    if not (np.isfinite(reach) and reach > 0):
+        return Shown(value=significant(value, 4), unit=unit)
+    ends = {name: with_error(end, reach)[0] for name, end in (("value", value), ("low", low), ("high", high))}
+    return Shown(unit=unit, **ends)
 
 
 def _shown(found: Balance) -> Iterator[tuple[str, Shown, Shown]]:
@@ -126,8 +132,7 @@ def _shown(found: Balance) -> Iterator[tuple[str, Shown, Shown]]:
     for plane, weight in zip(found.planes, found.weight.tolist(), strict=True):
         (low, high), (early, late) = found.interval(plane)
         exact = not np.isfinite(high) or high == low
-        ends = {} if exact else {"low": significant(low * 1e6, 4), "high": significant(high * 1e6, 4)}
-        amount = Shown(value=significant(abs(weight) * 1e6, 4), unit="g mm", **ends)
+        amount = _within(1e6 * abs(weight), 1e6 * low, 1e6 * high, "g mm")
         turned = {} if exact else {"low": _turned(np.degrees(early)), "high": _turned(np.degrees(late))}
         yield plane, amount, Shown(value=_turned(np.degrees(np.angle(weight))), unit="°", **turned)
 
@@ -157,17 +162,12 @@ def _mounted(found: Balance) -> Iterator[Html]:
 
 
 def _readings(found: Balance) -> Html:
-    reach = 1e6 * quantile(0.95, found.freedom) * found.stderr
-    rows = [
-        [
-            f"{plane} {direction}",
-            f"{speed * RPM_PER_RAD_S:.0f}",
-            *(f"{significant(abs(v) * 1e6, 3)} @ {np.degrees(np.angle(v)):.0f}°" if np.isfinite(v) else "not known"
-              for v in (before, after)),
-            _error(half),
-        ]
-        for (plane, direction), speed, before, after, half in zip(
-            found.readings, found.speed, found.before, found.expected, reach.tolist(), strict=True
-        )
-    ]  # fmt: skip
+    rows = []
+    for (plane, direction), speed, before, after, half in zip(
+        found.readings, found.speed, found.before, found.expected, found.reaches.tolist(), strict=True
+    ):
+        left, reach = told(abs(after) * 1e6, half * 1e6)
+        sizes = ((significant(abs(before) * 1e6, 3), before), (left, after))
+        cells = (f"{s} @ {np.degrees(np.angle(v)):.0f}°" if np.isfinite(v) else "not known" for s, v in sizes)
+        rows.append([f"{plane} {direction}", f"{speed * RPM_PER_RAD_S:.0f}", *cells, reach.strip("+-? ")])
     return table(["probe", "rpm", "as it is, µm 0-pk", "expected", "± 95 %"], rows, numeric=(1, 2, 3, 4))

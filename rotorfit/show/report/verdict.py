@@ -106,7 +106,7 @@ def join_spaced(pieces: Iterable[Html]) -> list[Html]:
 
 def _sentence(head: Headline) -> Html:
     """The verdict, its number bold where nothing speaks against it."""
-    words = _set(head.verdict)
+    words = _set(head.meaning if head.good and head.meaning else head.verdict)
     number = next((_number(n) for n in head.numbers if n.known and _number(n) in words), "")
     if not (number and head.good):
         return element("p", words, class_="headline")
@@ -168,9 +168,10 @@ def _card(head: Headline, number: KeyNumber) -> Html:
 def card(name: str, shown: Shown, lines: Sequence[Html]) -> Html:
     """A number with its error and interval, and further lines."""
     error = f"\u00a0±\u00a0{typeset(shown.error)}" if shown.error.strip("-") else ""
-    unit = element("span", f"\u00a0{parts.unit_shown(shown.unit)}", class_="unit") if shown.unit else Html("")
-    breaks = element("wbr") if len(shown.number) > _LONG else Html("")
-    value = element("div", element("b", typeset(shown.value)), error, breaks, unit, class_="value")
+    unit = element("span", parts.unit_shown(shown.unit), class_="unit") if shown.unit else Html("")
+    gap = " " if len(shown.number) > _LONG else "\u00a0"
+    number = join([element("b", typeset(shown.value)), error])
+    value = element("div", number, *([gap, unit] if shown.unit else []), class_="value")
     ends = f"95 %: {typeset(shown.low)} to {typeset(shown.high)}" if shown.low else ""
     between = [element("div", ends, class_="more ends")] if ends else []
     return element("div", element("div", name, class_="name"), value, *between, *lines, class_="card")

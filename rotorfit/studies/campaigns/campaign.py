@@ -25,6 +25,7 @@ from rotorfit.base.text_table import Printed, Wide, text_table
 from rotorfit.estimators.misfit.parameter_space import parameter_space
 from rotorfit.estimators.misfit.problem import LOSSES, Loss
 from rotorfit.identify.fitting.fit import fit as fit_model
+from rotorfit.identify.fitting.headline import named_by
 from rotorfit.identify.fitting.noise.residual_study import MODEL_LIMITED_REDCHI
 from rotorfit.identify.fitting.quantities import FittedParameter
 from rotorfit.identify.fitting.result import FitResult
@@ -88,6 +89,11 @@ class Campaign(ByValue, Printed):
     def attributes(self) -> tuple[str, ...]:
         """Conditions that the runs may be followed against or grouped by."""
         return tuple(dict.fromkeys(name for run in self.runs for name in run.attributes))
+
+    @property
+    def rig(self) -> str:
+        """What was tested, by the names of its files."""
+        return named_by([run.source for run in self._data])
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:

@@ -5,16 +5,17 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from rotorfit.base.digits import counted, plus_minus, significant
-from rotorfit.identify.fitting.headline import MOST, Check, both, named_by
+from rotorfit.base.digits import counted, significant
+from rotorfit.identify.fitting.headline import MOST, Check, both
 from rotorfit.identify.fitting.noise.residual_study import MODEL_LIMITED_REDCHI
 from rotorfit.identify.fitting.quantities import FittedParameter, Quantity
 from rotorfit.lab.data.findings import listed
 from rotorfit.show.report.html import Html, bullets, element, picture, table
-from rotorfit.show.report.numbers import plain
+from rotorfit.show.report.numbers import plain, with_error
 from rotorfit.show.report.page import page, write_whole
 from rotorfit.show.report.parts import note, section, sentence, symbol, unit_shown
 from rotorfit.show.report.verdict import card, check_of, join_spaced
@@ -37,7 +38,8 @@ def write_campaign_report(
     Args:
         campaign: the fits of all runs.
         path: file to write; one that is there is replaced.
-        against, by, parameters, degree: trends to show, as for :meth:`Campaign.trends`; none without ``against``.
+        against, by, parameters, degree: trends to show, as for :meth:`Campaign.trends`; ``against`` is by default the
+            condition of three and more values, if there is one such.
         title: heading.
 
     Raises:
@@ -51,6 +53,7 @@ def write_campaign_report(
     """
     trends: Sequence[Trend] = ()
     figure, table_of_trends = Html(""), []
+    against = _varied(campaign) if against is None else against
     if against is not None:
         trends = campaign.trends(parameters, against=against, by=by, degree=degree)
     if trends and against is not None:
@@ -59,7 +62,8 @@ def write_campaign_report(
         lines = "straight lines" if degree == 1 else f"polynomials of degree {degree}"
         caption = f"Runs and weighted {lines}, each with one standard error."
         names = list(dict.fromkeys(t.parameter for t in trends))
-        places = [(name, ShownFigure(figsize=HALF, layout="constrained")) for name in names[:2]] + [(names, None)]
+        halves = [ShownFigure(figsize=(HALF[0], HALF[1] + 0.5), layout="constrained") for _ in names[:2]]
+        places: list[Any] = [*zip(names, halves, strict=False), (names, None)]
         drawn = [campaign.plot.trends(n, against=against, by=by, degree=degree, ax=ax) for n, ax in places]
         *first, whole = (picture(picture_of(one), caption, one.get_figwidth()) for one in drawn)
         figure = element("div", *first, class_="pair")
@@ -75,9 +79,17 @@ def write_campaign_report(
             )
         ]
     sections = [_verdict(campaign, trends, figure), *table_of_trends, _runs(campaign)]
-    heading = f"{named_by([run.source for run in campaign._data])}: campaign"
-    text = page(title or heading, " · ".join(_byline(campaign)), sections)
+    text = page(title or f"{campaign.rig}: campaign", " · ".join(_byline(campaign)), sections)
     return write_whole(Path(path), text.encode())
+
+
+def _varied(campaign: Campaign) -> str | None:
+    """The one condition that takes three and more values, numbers known of every run."""
+    few = 3
+    every = {name: [run.attributes.get(name) for run in campaign.runs] for name in campaign.attributes}
+    numbers = [name for name, values in every.items() if all(isinstance(value, float | int) for value in values)]
+    varied = [name for name in numbers if len(set(every[name])) >= few]
+    return varied[0] if len(varied) == 1 else None
 
 
 def _byline(campaign: Campaign) -> Iterator[str]:
@@ -95,14 +107,16 @@ def _verdict(campaign: Campaign, trends: Sequence[Trend], figure: Html) -> Html:
     """What changes with the conditions, checks, values, the figure; then what is wrong with single runs."""
     said = _changes(trends) if trends else "Values run by run; no condition was chosen to follow them against."
     content: list[Html] = [element("h2", "Verdict", class_="unseen"), element("p", said, class_="headline")]
-    content.append(element("p", *join_spaced(map(check_of, _checks(campaign, trends))), class_="checks"))
+    checks = list(_checks(campaign, trends))
+    content.append(element("p", *join_spaced(map(check_of, checks)), class_="checks"))
     cards = [*_first_cards(trends), *map(_shared_card, campaign.shared.values())]
     content += [element("div", *cards[:MOST], class_="cards")] if cards else []
     content.append(figure)
     flagged = [f"{run.name}: {run.remark}" for run in campaign.runs if run.remark]
     if flagged:
         content.append(bullets((sentence(text) for text in flagged), class_="warnings"))
-    return element("section", *content, id="verdict", class_="first")
+    good = all(check.good for check in checks)
+    return element("section", *content, id="verdict", class_="first" if good else "first not-good")
 
 
 def _checks(campaign: Campaign, trends: Sequence[Trend]) -> Iterator[Check]:
@@ -163,9 +177,13 @@ def _card(trend: Trend, middle: float) -> Html:
     """A parameter at the middle of the tests, and its slope."""
     of = ", ".join(part for part in (trend.parameter, trend.group) if part)
     where = f"at {trend.against} {significant(middle, 4)}"
-    slope = f"{plus_minus(trend.slope.value, trend.slope.stderr).replace('+-', '±')} per {trend.against}"
+    slope = f"{_slope(trend)} per {trend.against}"
     more = [element("div", slope if np.isfinite(trend.slope.value) else "one condition", class_="more")]
     return card(f"{of}, {where}", trend.at(middle).shown(), more)
+
+
+def _slope(trend: Trend) -> str:
+    return " ± ".join(with_error(trend.slope.value, trend.slope.stderr))
 
 
 def _shared_card(parameter: FittedParameter) -> Html:
@@ -181,7 +199,7 @@ def _trend_table(campaign: Campaign, trends: Sequence[Trend]) -> Html:
             t.against,
             t.group,
             str(t.x.size),
-            plus_minus(t.slope.value, t.slope.stderr).replace("+-", "±") if np.isfinite(t.slope.value) else "–",
+            _slope(t) if np.isfinite(t.slope.value) else "–",
             t.slope.unit.replace("1 per", "per"),
             f"{t.scatter:.2f}" if np.isfinite(t.scatter) else "–",
         ]

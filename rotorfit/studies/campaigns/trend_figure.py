@@ -9,46 +9,70 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rotorfit.show.plots.figure_keywords import PlotKeywords
-from rotorfit.show.plots.style import Sheet, colour_of, draw_curve, labelled, legend_below, literal, on_sheet, prefix
+from rotorfit.show.plots.style import (
+    Sheet,
+    colour_of,
+    draw_curve,
+    end_labels,
+    labelled,
+    legend_below,
+    literal,
+    on_sheet,
+    prefix,
+)
 from rotorfit.studies.campaigns.campaign import Campaign
 from rotorfit.studies.campaigns.trends import Trend
 
 _MARKERS = ("o", "s", "^", "D", "v", "P")
+_MOST_BESIDE = 8  # groups that are named beside their lines
+_READS = "Points: runs, with one standard error. Weighted {}, with one standard error."
 
 
 @on_sheet
-def plot_trends(trends: Sequence[Trend], by: str | None = None, *, sheet: Sheet) -> Figure:
+def plot_trends(trends: Sequence[Trend], by: str | None = None, rig: str = "", *, sheet: Sheet) -> Figure:
     """One panel a parameter, one colour and marker a group, the weighted line with its standard error as a band."""
     if not trends:
         raise ValueError("no run has a resolved value of these parameters: there is nothing to plot")
     parameters = list(dict.fromkeys(trend.parameter for trend in trends))
     groups = list(dict.fromkeys(trend.group for trend in trends))
     against = list(dict.fromkeys(trend.against for trend in trends))
-    title = f"{', '.join(parameters)} against {', '.join(against)}"
-    figure, axes = sheet.grid(len(parameters), len(against), title, size=(6.0, 2.3))
+    title = ": ".join(filter(None, (literal(rig), f"{', '.join(parameters)} against {', '.join(against)}")))
+    degree = max(trend.degree for trend in trends)
+    reads = (_READS.format("lines" if degree < 2 else f"polynomials of degree {degree}"),)
+    figure, axes = sheet.grid(len(parameters), len(against), title, size=(6.0, 2.3), reads=reads)
+    named = groups if groups != [""] else []
+    beside = named if len(named) <= _MOST_BESIDE else []  # of the lines; more are named below
     handles: dict[str, Any] = {}
     beyond = 0
     for row, parameter in enumerate(parameters):
         for axis, name in zip(axes[row], against, strict=True):
             mine = [trend for trend in trends if (trend.parameter, trend.against) == (parameter, name)]
-            unit, hidden = _panel(axis, mine, groups, handles)
+            factor, unit, hidden = _panel(axis, mine, groups, handles)
+            if beside:
+                _name_groups(axis, mine, groups, factor)
             beyond = max(beyond, hidden)
         axes[row, 0].set_ylabel(labelled(parameter, unit))
     for axis, name in zip(axes[-1], against, strict=True):
         axis.set_xlabel(literal(name) + (", others held" if len(against) > 1 else ""))
-    named = groups if groups != [""] else []
-    entries = {literal(group if by is None else f"{by} {group}"): handles[group] for group in named}
-    degree = max(trend.degree for trend in trends)
-    line = "line" if degree < 2 else f"polynomial of degree {degree}"
-    entries |= {f"{line} ± 1 standard error": {"lw": 1}, "runs ± 1 standard error": {"marker": "o", "ls": "", "ms": 4}}
+    entries = {} if beside else {literal(group if by is None else f"{by} {group}"): handles[group] for group in named}
     if beyond:
         entries[f"{beyond} of the runs, far less certain, lie beyond the frame"] = {"ls": ""}
     legend_below(figure, entries)
     return figure
 
 
-def _panel(axis: Any, trends: Sequence[Trend], groups: Sequence[str], handles: dict[str, Any]) -> tuple[str, int]:
-    """One parameter against one attribute; returns its unit and the number of runs out of the frame."""
+def _name_groups(axis: Any, trends: Sequence[Trend], groups: Sequence[str], factor: float) -> None:
+    """Groups at the right ends of their lines."""
+    last = {t.group: t.at(float(t.x[-1])).value if np.isfinite(t.slope.value) else float(t.value[-1]) for t in trends}
+    axis.set_xlim(axis.get_xlim())
+    ends = [(literal(g), factor * value, colour_of(groups.index(g), len(groups))) for g, value in last.items()]
+    end_labels(axis, ends)
+
+
+def _panel(
+    axis: Any, trends: Sequence[Trend], groups: Sequence[str], handles: dict[str, Any]
+) -> tuple[float, str, int]:
+    """One parameter against one attribute; returns its factor and unit, and the number of runs out of the frame."""
     values = np.concatenate([t.value for t in trends])
     errors = np.concatenate([t.stderr for t in trends])
     largest_error_ratio = 8.0  # standard errors over their median beyond which a run does not set the limits of a panel
@@ -69,7 +93,7 @@ def _panel(axis: Any, trends: Sequence[Trend], groups: Sequence[str], handles: d
     margin = 0.08 * (high - low)
     axis.set_ylim(low - margin, high + margin)
     away = (values * factor < low - margin) | (values * factor > high + margin)
-    return unit, int(away.sum())
+    return factor, unit, int(away.sum())
 
 
 class CampaignPlots:
@@ -92,6 +116,7 @@ class CampaignPlots:
         ``parameters``, ``against``, ``by`` and ``degree`` are as for :meth:`rotorfit.Campaign.trends`,
         ``ax`` and ``unit`` as for :meth:`rotorfit.FitResult.plot.bode`.
         """
-        return plot_trends(self._campaign.trends(parameters, against=against, by=by, degree=degree), by, **look)
+        found = self._campaign.trends(parameters, against=against, by=by, degree=degree)
+        return plot_trends(found, by, self._campaign.rig, **look)
 
     __call__ = trends
