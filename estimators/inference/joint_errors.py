@@ -20,7 +20,7 @@ from functools import cached_property
 import numpy as np
 
 from rotorfit.base.array_types import Bool, ComplexArray, Float, Index
-from rotorfit.estimators.noise.run_effects import cached, inverse_of_determined, products
+from rotorfit.estimators.noise.run_effects import inverse_of_determined, parts, products, real_rows
 
 TOLD = 0.05
 """Determined share of a cause below which a test of it would be one of round-off and curvature. Chosen."""
@@ -89,7 +89,7 @@ class JointErrors:
         inverse: Float,
         size: Float,
         one_sided: Bool,
-        runs: Float | None = None,
+        runs: ComplexArray | None = None,
     ) -> JointErrors:
         """Solve for causes beside fitted values.
 
@@ -99,30 +99,29 @@ class JointErrors:
             inverse: covariance of the fitted vector by the noise alone, at unit noise, priors of the vector included.
             size: standard uncertainty of each cause before the data.
             one_sided: causes that are never negative.
-            runs: changes of the residuals by a standard deviation of what each run may differ by, shape ``(2 R, m)``.
+            runs: changes of the residuals by a standard deviation of what each run may differ by, shape ``(R, m)``.
         """
-        parts = [(some, np.concatenate([some, some + r.size])) for some in cached(np.arange(r.size))]
-        moves = -inverse @ np.sum([(J[some].conj().T @ B[some]).real for some, _ in parts], axis=0)
+        k, beside = size.size, B if runs is None else np.hstack([B, runs])
+        moves = -inverse @ np.sum([real_rows(J[some]) @ real_rows(beside[some]).T for some in parts(r.size)], axis=0)
+        unit = np.append(size, np.ones(moves.shape[1] - k))[:, None]
 
-        def seen() -> Iterator[Float]:
-            """What the fitted values do not take up, in units of the sizes, by parts of the readings."""
-            return ((_real(B[some]) + _real(J[some]) @ moves) * size for some, _ in parts)
+        def left(number: int) -> Iterator[Float]:
+            """What the fitted values do not take up of the causes, in units of their sizes, and of the runs, by parts of
+            the readings."""
+            for some in parts(r.size):
+                yield ((real_rows(beside[some]) + moves.T @ real_rows(J[some])) * unit)[:number]
 
-        covar = _inverse_beside_one(seen)
-        residual = [_real(r[some]) for some, _ in parts]
-        free = -size * (covar @ np.sum([own.T @ at for own, at in zip(seen(), residual, strict=True)], axis=0))
+        gram, push = np.zeros((unit.size, unit.size)), np.zeros(unit.size)
+        for some, own in zip(parts(r.size), left(unit.size), strict=True):
+            gram += own @ own.T
+            push += own @ real_rows(r[some, None])[0]
+        covar = _inverse_beside_one(gram[:k, :k], lambda: left(k))
+        free = -size * (covar @ push[:k])
         z = None
         if runs is not None:
-            taken = inverse @ np.sum([_real(J[some]).T @ runs[both] for some, both in parts], axis=0)
-
-            def beside() -> Iterator[Float]:
-                """The same beside what the fitted values leave of the runs."""
-                left = (runs[both] - _real(J[some]) @ taken for some, both in parts)
-                return (np.hstack(pair) for pair in zip(seen(), left, strict=True))
-
-            z = _scores(beside, residual)[: size.size]
-        unit = np.outer(size, size)
-        return cls(size=size, one_sided=one_sided, free=free, covar=covar * unit, moves=moves, z_beside_runs=z)
+            z = _scores(_inverse_beside_one(gram, lambda: left(unit.size)), push)[:k]
+        covar = covar * np.outer(size, size)
+        return cls(size=size, one_sided=one_sided, free=free, covar=covar, moves=moves[:, :k], z_beside_runs=z)
 
     def in_noise(self, factor: float) -> JointErrors:
         """The same where the variance of the noise is a factor larger, at the same sizes."""
@@ -224,25 +223,22 @@ class JointErrors:
         )
 
 
-def _scores(columns: Callable[[], Iterator[Float]], residual: Sequence[Float]) -> Float:
+def _scores(covar: Float, push: Float) -> Float:
     """Scores against none of sizes in units of what they are before the data; NaN where the data do not tell."""
-    covar = _inverse_beside_one(columns)
-    push = np.sum([own.T @ at for own, at in zip(columns(), residual, strict=True)], axis=0)
     left = np.diag(covar)
     told = left < 1 - TOLD
     scatter = np.sqrt(np.where(told, left * (1 - left), 1.0))
     return np.where(told, -(covar @ push) / scatter, np.nan)
 
 
-def _inverse_beside_one(columns: Callable[[], Iterator[Float]]) -> Float:
-    """``inv(1 + B' B)``, B by parts of its rows: of products where they keep the digits, else of the columns."""
-    gram = np.sum([own.T @ own for own in columns()], axis=0)
+def _inverse_beside_one(gram: Float, columns: Callable[[], Iterator[Float]]) -> Float:
+    """``inv(1 + B B')`` of rows B: of their products where these keep the digits, else of parts of the columns of B."""
     largest = 1e8  # of the products, which then tell sizes of one in eight digits
     if np.einsum("kk->k", gram).max(initial=0.0) < largest:
         return np.asarray(np.linalg.inv(gram + np.eye(len(gram))))
     root = np.zeros((0, len(gram)))
     for own in columns():
-        root = np.asarray(np.linalg.qr(np.vstack([root, own]), mode="r"))
+        root = np.asarray(np.linalg.qr(np.vstack([root, own.T]), mode="r"))
     _, size, basis = np.linalg.svd(root)
     return np.asarray((basis.T / (1 + size**2)) @ basis)
 
@@ -306,7 +302,3 @@ def error_factor(pulls: Sequence[float]) -> float:
     if not count or gammaincc(count / 2, square / 2) >= too_small:
         return 1.0
     return math.sqrt(square / count)
-
-
-def _real(columns: ComplexArray) -> Float:
-    return np.concatenate([columns.real, columns.imag])

@@ -11,7 +11,7 @@ share at a line, one variance a reading does not see: the scatter of the gradien
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -19,7 +19,7 @@ import numpy as np
 
 from rotorfit.base.array_types import ComplexArray, Float, Index
 from rotorfit.base.significance import CHANCE_ERRORS, P_UNLIKELY
-from rotorfit.estimators.noise.run_effects import LEAST_RESIDUAL_SHARE, cached, powers, real_rows
+from rotorfit.estimators.noise.run_effects import LEAST_RESIDUAL_SHARE, in_a_row, parts, powers, real_rows
 from rotorfit.estimators.noise.sweep_noise import LINES_OF_A_LEVEL, NOISE_FLOOR
 
 _RATIOS = np.concatenate([[0.0], np.logspace(-2.5, 4.5, 22), [np.inf]])
@@ -125,24 +125,19 @@ def memory(r: ComplexArray, sensitivities: ComplexArray, outer: Float, sweeps: S
     """Correlation along sweeps of residuals of a fit with these sensitivities and covariance ``outer``."""
     order = np.concatenate(sweeps)
     number = np.repeat(np.arange(len(sweeps)), [rows.size for rows in sweeps])
-    along = r[order]
-
-    def moved(lag: int) -> float:
-        """Sum of products that a fit brings about: it takes its share of every reading, and makes neighbours oppose
-        one another a little."""
-        products = _lagged_products(sensitivities, order, number, lag)
-        return float(np.mean(np.abs(r) ** 2) / 2 * np.sum(outer * products))
-
-    total = float(np.sum(np.abs(along) ** 2)) + moved(0)
-    found: list[float] = []
-    z, fades = 0.0, False
+    along, level = r[order], float(np.mean(np.abs(r) ** 2)) / 2
     # Distance, in lines, up to which neighbours are looked at, and never more than a third of a sweep: filters of an
     # analyser overlap over two or three lines.
-    longest_lag = 12
-    for lag in range(1, max(1, min(longest_lag, min(rows.size for rows in sweeps) // 3)) + 1):
+    longest = max(1, min(12, min(rows.size for rows in sweeps) // 3))
+    # A fit takes its share of every reading, and makes neighbours oppose one another a little.
+    shared = _lagged_products(sensitivities, outer, order, number, longest)
+    total = float(np.sum(np.abs(along) ** 2)) + level * next(shared)
+    found: list[float] = []
+    z, fades = 0.0, False
+    for lag in range(1, longest + 1):
         same = number[lag:] == number[:-lag]
         product = (along[lag:] * along[:-lag].conj()).real * same
-        amount = float(product.sum()) + moved(lag)
+        amount = float(product.sum()) + level * next(shared)
         chance = float(np.sqrt(np.sum(product**2)))
         if lag == 1:
             z = amount / chance if chance > 0 else 0.0
@@ -155,15 +150,21 @@ def memory(r: ComplexArray, sensitivities: ComplexArray, outer: Float, sweeps: S
     return Memory(first=found[0], z=z, lags=tuple(found) if z > CHANCE_ERRORS else (), fades=fades)
 
 
-def _lagged_products(sensitivities: ComplexArray, order: Index, number: Index, lag: int) -> Float:
-    """Products of sensitivities with those some readings further along the same sweep, shape ``(p, p)``."""
-    total = np.zeros((sensitivities.shape[1],) * 2)
-    for some in cached(np.arange(order.size - lag)):
-        first, last = some[0], some[-1] + 1
-        same = np.repeat(number[first + lag : last + lag] == number[first:last], 2)
-        own = real_rows(sensitivities[order[first : last + lag]])
-        total += own[:, 2 * lag :] @ (own[:, : 2 * some.size] * same).T
-    return total
+def _lagged_products(
+    sensitivities: ComplexArray, outer: Float, order: Index, number: Index, longest: int
+) -> Iterator[float]:
+    """Products of sensitivities with those 0, 1, 2, ... readings further along the same sweep by a covariance, summed;
+    of those beyond the neighbours, which are seldom asked for, together."""
+    for lags in (range(2), range(2, longest + 1)):
+        total = np.zeros(len(lags))
+        for part in parts(order.size):
+            own = real_rows(sensitivities[in_a_row(order[part.start : part.stop + lags.stop - 1])])
+            moved = outer @ own[:, : 2 * (part.stop - part.start)]
+            for place, lag in enumerate(lags):
+                ahead = number[part.start + lag : part.stop + lag]
+                same, count = ahead == number[part.start :][: ahead.size], 2 * ahead.size
+                total[place] += powers(moved[:, :count], own[:, 2 * lag : 2 * lag + count]) @ same
+        yield from total.tolist()
 
 
 def scatter(own: ComplexArray, sweeps: Sequence[Index], lags: Sequence[float]) -> Float:
@@ -216,16 +217,17 @@ def line_scatter(
     number = np.unique(line, return_inverse=True)[1].reshape(-1)
     expected, evened, scatter = np.zeros((3, wanted.size, int(number.max(initial=-1)) + 1))
     for readings, acting, rows in pieces:
-        own = np.ascontiguousarray(rows).view(float)  # both parts of each reading one after the other
+        order = np.argsort(number[readings], kind="stable")
+        own = np.ascontiguousarray(rows[:, order]).view(float)  # both parts of each reading one after the other
         moved = covar[np.ix_(wanted, acting)] @ own
         share = powers(covar[np.ix_(acting, acting)] @ own if entries is not None else moved[acting], own) / 2
         left = np.maximum(1 - share, LEAST_RESIDUAL_SHARE)
-        order = np.argsort(number[readings], kind="stable")
-        starts = 2 * np.flatnonzero(np.diff(number[readings][order], prepend=-1))
-        parts, lines = (2 * order[:, None] + np.arange(2)).ravel(), number[readings][order[starts // 2]]
-        for total, factor in ((evened, r[readings] / np.sqrt(left)), (scatter, r[readings] / left)):
-            total[:, lines] += np.add.reduceat((moved * factor.view(float))[:, parts], starts, axis=1)
-        expected[:, lines] += np.add.reduceat((moved**2)[:, parts], starts, axis=1)
+        along, misses = number[readings[order]], r[readings[order]]
+        starts = np.flatnonzero(np.diff(along, prepend=-1))
+        lines = along[starts]
+        for total, factor in ((evened, misses / np.sqrt(left)), (scatter, misses / left)):
+            total[:, lines] += np.add.reduceat(moved * factor.view(float), 2 * starts, axis=1)
+        expected[:, lines] += np.add.reduceat(moved**2, 2 * starts, axis=1)
     total = np.maximum(expected.sum(axis=1), np.finfo(float).tiny)
     chance = np.maximum(np.sqrt(2 * np.sum(expected**2, axis=1)) / total, np.finfo(float).eps)
     ratio = np.sum(evened**2, axis=1) / total / power

@@ -129,12 +129,13 @@ class MixedSolution:
 
     def residuals(self, r: ComplexArray, J: ComplexArray, Z: ComplexArray, runs: Sequence[Index]) -> Residuals:
         """Residuals after the step, effects taken out."""
-        found = Residuals(values=r.copy(), sensitivities=np.empty_like(J), leverage=np.zeros(r.size))
+        found = Residuals(values=r.copy(), sensitivities=np.empty_like(J.T).T, leverage=np.zeros(r.size))
         for number, rows in enumerate(runs or [np.arange(r.size)]):
-            for some in cached(rows):
+            for part in parts(rows.size):
+                some = in_a_row(rows[part])
                 own, effects = real_rows(J[some]), real_rows(Z[some])
                 values = found.values[some].view(float) + self.step @ own
-                leverage = np.zeros(some.size)
+                leverage = np.zeros(values.size // 2)
                 if len(effects):
                     values += self.own[number] @ effects
                     own -= self.onto[number].T @ effects
@@ -161,11 +162,14 @@ def real_rows(columns: ComplexArray) -> Float:
 
 def products(r: ComplexArray, J: ComplexArray, Z: ComplexArray, rows: Index) -> Float:
     """Products of effects, sensitivities and residuals of some readings with one another, in this order."""
-    size = Z.shape[1] + J.shape[1] + 1
+    size, effects = Z.shape[1] + J.shape[1] + 1, Z.shape[1]
     total = np.zeros((size, size))
-    for some in cached(rows):
-        own = real_rows(np.hstack([Z[some], J[some], r[some, None]]))
-        total += own @ own.T
+    for part in parts(rows.size):
+        some = in_a_row(rows[part])
+        own = np.empty((size, r[some].size), dtype=complex)
+        own[:effects], own[effects:-1], own[-1] = Z[some].T, J[some].T, r[some]
+        real = own.view(float)
+        total += real @ real.T
     return total
 
 
@@ -175,10 +179,15 @@ def powers(left: Float, right: Float) -> Float:
     return np.asarray(found[::2] + found[1::2])
 
 
-def cached(rows: Index) -> Iterator[Index]:
+def parts(count: int) -> Iterator[slice]:
     """Readings in parts whose columns stay in the cache of the processor."""
     at_once = 4096
-    return (rows[first : first + at_once] for first in range(0, rows.size, at_once))
+    return (slice(first, min(first + at_once, count)) for first in range(0, count, at_once))
+
+
+def in_a_row(rows: Index) -> Index | slice:
+    """Readings as a slice where each follows the one before, which takes no copy."""
+    return slice(int(rows[0]), int(rows[-1]) + 1) if (np.diff(rows) == 1).all() else rows
 
 
 def select_effects(model: MixedModel, *, level: float, forced: Sequence[int] = ()) -> Float:

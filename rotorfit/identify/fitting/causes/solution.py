@@ -105,20 +105,19 @@ class JointSearch:
         return replace(found, free=self.sizes)
 
 
-def _few_runs(problem: Problem, x: Float, root: Float) -> Float | None:
-    """Changes of the residuals by what each of a few runs may differ by, its gain and the angle of its mark, real and
-    imaginary parts, shape ``(2 R, m)``; nothing for one run and for many, whose differences the residuals tell."""
+def _few_runs(problem: Problem, x: Float, root: Float) -> ComplexArray | None:
+    """Changes of the residuals by what each of a few runs may differ by, its gain and the angle of its mark, shape
+    ``(R, m)``; nothing for one run and for many, whose differences the residuals tell."""
     few = 12  # runs up to which an effect of theirs may pass for a cause; of more its scatter tells it. Chosen.
     names, number = words(problem.run)
     if not 2 <= len(names) <= few or len(problem.responses) < len(problem.blocks):
         return None
     whitened = np.concatenate(problem.predict(x)) / problem.sigma * root
     by_phase = np.concatenate([block.by_phase for block in problem.responses]) * whitened
-    columns = np.zeros((2, whitened.size, 2 * len(names)))
+    columns = np.zeros((2 * len(names), whitened.size), dtype=complex)
     rows = np.arange(whitened.size)
-    for place, change in ((number, RUN_GAIN * whitened), (number + len(names), RUN_ANGLE * by_phase)):
-        columns[0, rows, place], columns[1, rows, place] = change.real, change.imag
-    return columns.reshape(-1, 2 * len(names))
+    columns[number, rows], columns[number + len(names), rows] = RUN_GAIN * whitened, RUN_ANGLE * by_phase
+    return columns.T
 
 
 RUN_GAIN, RUN_ANGLE = 0.005, math.radians(0.5)
@@ -201,7 +200,7 @@ def _solved(
         curvature, slope = prior_curvature(problem, at.x), prior_slope(problem, at.x)
         if told is None:
             told = _told(J, curvature) if at is begin else _told(problem.jacobian(x)[1], prior_curvature(problem, x))
-        J = J @ told
+        J = (told.T @ J.T).T
         root = np.sqrt(robust_weights(problem.loss, np.abs(r) ** 2)[1])
         dx, sizes, square = joint_step(
             (r - B @ at.sizes) * root,
