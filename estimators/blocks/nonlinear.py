@@ -119,7 +119,23 @@ class OrbitResponses(OnResponses):
         """Eccentricity of each journal in each line, shape ``(J, ..., L)``."""
         return self._state(theta).eps
 
+    @cached_property
+    def _states(self) -> dict[bytes, _State]:
+        """Orbits at the parameter vectors that were asked for last: much is asked at an optimum."""
+        return {}
+
     def _state(self, theta: Float) -> _State:
+        """Orbits at parameter vectors; those at one vector are kept until the next."""
+        if theta.ndim > 2:
+            return self._moving(theta)
+        key = theta.tobytes()
+        if (found := self._states.get(key)) is None:
+            found = self._moving(theta)
+            self._states.clear()
+            self._states[key] = found
+        return found
+
+    def _moving(self, theta: Float) -> _State:
         base, seats = self.base, self.journals
         # Lines of one group share a vector, which broadcasts: what depends on parameters alone is computed once.
         vectors = theta if theta.shape[-2] == 1 else theta[..., base.group, :]

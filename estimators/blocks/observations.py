@@ -393,6 +393,11 @@ class Responses(Observed):
         return (self.frequency[self.line] < 0) & (self.model.frame == "z")
 
     @cached_property
+    def receptances(self) -> dict[bytes, ComplexArray]:
+        """Receptance of every line at the parameter vectors that were asked for last: much is asked at an optimum."""
+        return {}
+
+    @cached_property
     def by_phase(self) -> ComplexArray:
         """Derivative of the logarithm of each reading by a lead of what probes gave."""
         return np.where(self.conjugated, -1j, 1j)

@@ -184,8 +184,15 @@ def _rows(block: Responses, H: ComplexArray) -> ComplexArray:
 
 
 def _receptance(block: Responses, theta: Float) -> ComplexArray:
-    """Inverse of the dynamic stiffness, shape ``(column, row, ..., L)``."""
-    return _inverse(_stiffness(block, theta))
+    """Inverse of the dynamic stiffness, shape ``(column, row, ..., L)``; that of one vector is kept until the next."""
+    if theta.ndim > 2:
+        return _inverse(_stiffness(block, theta))
+    key, kept = theta.tobytes(), block.receptances
+    if (found := kept.get(key)) is None:
+        found = _inverse(_stiffness(block, theta))
+        kept.clear()
+        kept[key] = found
+    return found
 
 
 def response_sensitivities(

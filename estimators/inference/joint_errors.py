@@ -106,8 +106,8 @@ class JointErrors:
         unit = np.append(size, np.ones(moves.shape[1] - k))[:, None]
 
         def left(number: int) -> Iterator[Float]:
-            """What the fitted values do not take up of the causes, in units of their sizes, and of the runs, by parts of
-            the readings."""
+            """What the fitted values do not take up of the causes, in units of their sizes, and of the runs, by parts
+            of the readings."""
             for some in parts(r.size):
                 yield ((real_rows(beside[some]) + moves.T @ real_rows(J[some])) * unit)[:number]
 

@@ -138,7 +138,7 @@ class MixedSolution:
                 leverage = np.zeros(values.size // 2)
                 if len(effects):
                     values += self.own[number] @ effects
-                    own -= self.onto[number].T @ effects
+                    own = own - self.onto[number].T @ effects
                     leverage += powers(self.inner[number] @ effects, effects)
                 leverage += powers(self.outer @ own, own)
                 found.values[some], found.sensitivities[some] = values.view(complex), own.view(complex).T
@@ -156,8 +156,8 @@ class Residuals:
 
 
 def real_rows(columns: ComplexArray) -> Float:
-    """Columns of complex numbers as rows of their parts, a copy of shape ``(k, 2 R)``."""
-    return np.array(columns.T, order="C").view(float)
+    """Columns of complex numbers as rows of their parts, shape ``(k, 2 R)``."""
+    return np.ascontiguousarray(columns.T).view(float)
 
 
 def products(r: ComplexArray, J: ComplexArray, Z: ComplexArray, rows: Index) -> Float:
