@@ -78,6 +78,7 @@ def test_figures_of_balancing_campaigns_judging_and_plans_can_be_read() -> None:
     rig = rf.datasets.rig_lumped()
     fit = plain_fit(rf.models.WhirlWhip(), rig, known={"K3": 6000.0})
     drawn["judged"] = fit.stability_report(max_speed_rpm=2500).plot()
+    drawn |= {"size": fit.plot.bode(against="size"), "drive": fit.plot.drive_point(), "polar": rig.plot.polar()}
     drawn["plan"] = rf.plan(fit.model, fit, rig, noise_um=0.2, quantity="lam").plot()
     lines = {line.get_label().split()[0]: line.get_linestyle() for line in drawn["judged"].axes[0].lines}
     assert (lines["forward"], lines["backward"]) == ("-", "--")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drawn import faults_of
 from recorded import RATE, perturbator_angle, shaft_angle, volts, write_hdf5
 from sentences import refuses
 
@@ -158,8 +159,8 @@ def test_speeds_are_those_of_the_marks(record: rf.Recording) -> None:
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_figures_are_drawn(record: rf.Recording, tmp_path: Path, name: str) -> None:
-    getattr(record.plot, name)().savefig(tmp_path / "figure.png")
+def test_figures_are_drawn_and_can_be_read(record: rf.Recording, name: str) -> None:
+    assert faults_of(getattr(record.plot, name)()) == []
 
 
 def test_a_first_look_at_a_recording_is_its_timebase(record: rf.Recording) -> None:

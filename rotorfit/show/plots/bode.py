@@ -260,8 +260,16 @@ def _share_scales(panels: Mapping[tuple[int, int], Sequence[Any]]) -> None:
             low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
             for axis in axes:
                 axis.set_ylim(low, high)
-                if isinstance(axis.yaxis.get_major_locator(), MultipleLocator):  # angles, of many modes many turns
-                    axis.yaxis.set_major_locator(MultipleLocator(180 * max(math.ceil((high - low) / 900), 1)))
+                if isinstance(axis.yaxis.get_major_locator(), MultipleLocator):
+                    _angle_ticks(axis)
+
+
+def _angle_ticks(axis: Any) -> None:
+    """Ticks at angles that run on: quarters of a turn, halves, or, of many modes, more."""
+    low, high = axis.get_ylim()
+    quarters = 400  # degrees up to which there is room for them
+    step = 90 if high - low < quarters else 180 * max(math.ceil((high - low) / 900), 1)
+    axis.yaxis.set_major_locator(MultipleLocator(step))
 
 
 def _weight(mr: float | None) -> str:
@@ -341,10 +349,10 @@ def finish_bode(model: RotorModel, pair: Sequence[Any], found: Sequence[SweepCur
         phase.set_ylabel("phase, deg", fontsize=style.SMALL_TYPE)
     else:
         amplitude.set_ylabel(unit if imposed else f"amplitude, {unit}")
-        phase.set_ylabel("phase lead of the force, deg" if imposed else style.PHASE_LABEL)
+        phase.set_ylabel("phase of the force, deg" if imposed else "phase, deg")
     if along.runs_on:
         phase.set_ylabel("angle, deg")
-        phase.yaxis.set_major_locator(MultipleLocator(180))
+        _angle_ticks(phase)
     else:
         style.phase_axis(phase)
 

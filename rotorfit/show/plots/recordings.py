@@ -85,7 +85,8 @@ def _orbit(
         style.few_ticks(side, 4)
     if not np.isfinite(z).any():
         text = "not distinguished from the other mark"
-        axis.text(0.5, 0.5, text, transform=axis.transAxes, ha="center", fontsize=8, color=style.GREY)
+        axis.text(0.5, 0.5, text, transform=axis.transAxes, ha="center", fontsize=style.SMALL_TYPE, color=style.GREY)
+        axis.set(xticks=[], yticks=[])
 
 
 def _plane_of_motion(sheet: style.Sheet, axis: Any, middle: complex, reach: float) -> None:
@@ -118,7 +119,7 @@ def plot_centreline(lines: Sequence[Centreline], name: str, *, sheet: style.Shee
             (np.abs(line.speed) * sheet.per_rad_s, f"speed, {sheet.rate_unit}") if by_speed else (line.t, "time, s")
         )
         axis.plot(z.real, z.imag, color=style.GRID, linewidth=0.7, zorder=1)
-        drawn = axis.scatter(z.real, z.imag, c=values, s=9, cmap="viridis", zorder=2)
+        drawn = axis.scatter(z.real, z.imag, c=values, s=9, cmap=style.ramp(), zorder=2)
         look = {"color": style.COLOURS[1], "markersize": 6, "markerfacecolor": "none", "linestyle": ""}
         handles["start"] = axis.plot(z[0].real, z[0].imag, marker="s", **look)[0]
         scale = figure.colorbar(drawn, ax=axis, shrink=0.6)
@@ -368,4 +369,9 @@ def plot_speed(tracks: Sequence[SpeedTrack], name: str, *, sheet: style.Sheet) -
         bottom.plot(each.t, each.acceleration * sheet.per_rad_s, color=colour, linewidth=1)
         bottom.set_ylabel(f"sweep rate, {sheet.rate_unit}/s")
         bottom.set_xlabel("time, s")
+        steady = float(np.mean(each.speed)) * sheet.per_rad_s / 100  # a shaft this near to one speed keeps it
+        for axis in (top, bottom):
+            low, high = axis.get_ylim()
+            room = max(steady - (high - low), 0.0) / 2
+            axis.set_ylim(low - room, high + room)
     return figure

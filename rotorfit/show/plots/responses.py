@@ -71,8 +71,10 @@ def plot_polar(fit: FitResult, *, sheet: Sheet, every: bool = False) -> Figure:
 
 @on_sheet
 def plot_measured_polar(test: PerturbationTest, *, sheet: Sheet) -> Figure:
-    """The same of a test before a fit; lines and circles lead from reading to reading."""
-    return _polar(sheet, *measured_curves(test, sheet), "Measured responses", "")
+    """The same of a test before a fit; lines and circles lead from reading to reading, where these are known."""
+    model, conditions, found = measured_curves(test, sheet)
+    known = [replace(c, fitted=np.where(opacity_of(c.uncertainty) > 0, c.fitted, np.nan)) for c in found]
+    return _polar(sheet, model, conditions, known, "Measured responses", "")
 
 
 def _polar(

@@ -35,16 +35,19 @@ def plot_stability_report(report: StabilityReport, *, sheet: style.Sheet) -> Fig
     return figure
 
 
-def _draw(axis: Any, curves: Sequence[Curve], x: float, y: float, first: int = 0) -> None:
+def _draw(
+    axis: Any, curves: Sequence[Curve], x: float, y: float, first: int = 0, critical: Curve | None = None
+) -> None:
     ways = {"forward": 0, "backward": 0}
     for number, curve in enumerate(curves, first):
         way = curve.label.partition(" ")[0]
         look: dict[str, Any] = {"color": style.colour_of(number), "ls": ("-", "--", "-.", ":")[number % 4]}
         if way in ways:  # as in figures of a fit: warm and solid, cool and dashed
-            colours = style.FORWARD if way == "forward" else style.BACKWARD
+            colours = [c for c in (style.FORWARD if way == "forward" else style.BACKWARD) if c != style.CRITICAL]
             look = {"color": colours[ways[way] % len(colours)], "ls": "-" if way == "forward" else "--"}
-            ways[way] += 1
-        axis.plot(x * curve.x, _clipped(y * curve.y), lw=1.2, label=style.literal(curve.label), **look)
+            ways[way] += curve is not critical
+        look |= {"lw": 1.2} if curve is not critical else {"lw": 2.2, "color": style.CRITICAL}
+        axis.plot(x * curve.x, _clipped(y * curve.y), label=style.literal(curve.label), **look)
         axis.fill_between(x * curve.x, *_clipped(y * curve.band).T, color=look["color"], alpha=style.BAND, lw=0)
 
 
@@ -76,7 +79,7 @@ def _decrements(sheet: style.Sheet, report: StabilityReport, axis: Any) -> None:
         for curve, mode in zip(report.decrement, modes, strict=True)
         if np.min(curve.y) < damped
     ]
-    _draw(axis, shown, sheet.per_rad_s, 1.0)
+    _draw(axis, shown, sheet.per_rad_s, 1.0, critical=min(shown, key=lambda c: float(np.min(c.y)), default=None))
     _running(sheet, report, axis)
     _limit(report, axis)
     top = max([report.criteria[0].limit, *(float(np.max(np.minimum(c.band, damped))) for c in shown)])

@@ -52,6 +52,7 @@ SMALL_TYPE, TYPE, TITLE_TYPE = 7, 8, 10
 """Smallest type, that of names, and that of the figure's title, points."""
 _SETTINGS: Any = {
     "axes.titlesize": TYPE, "axes.labelsize": TYPE, "legend.fontsize": SMALL_TYPE, "legend.frameon": False,
+    "axes.formatter.useoffset": False,  # 1200 and 1201, not 0 and 1 beside a number that is easily overlooked
     "axes.titley": 1.0,  # nothing stands above the axes that a title would have to be moved for, which takes long
     "axes.titlelocation": "left", "axes.titleweight": "bold", "axes.titlepad": 5,
     "text.color": INK, "axes.labelcolor": INK, "xtick.labelcolor": INK, "ytick.labelcolor": INK,
@@ -463,9 +464,16 @@ def colour_of(number: int, count: int = 0) -> str:
     """Colour of one of several conditions; of more than there are colours, on a scale from light to dark."""
     if count <= len(COLOURS):
         return COLOURS[number % len(COLOURS)]
-    from matplotlib.colors import LinearSegmentedColormap, to_hex
+    from matplotlib.colors import to_hex
 
-    return to_hex(LinearSegmentedColormap.from_list("ordered", RAMP)(number / (count - 1)))
+    return to_hex(ramp()(number / (count - 1)))
+
+
+def ramp() -> Any:
+    """Colours of an ordered set, from its least to its largest."""
+    from matplotlib.colors import LinearSegmentedColormap
+
+    return LinearSegmentedColormap.from_list("ordered", RAMP)
 
 
 def literal(text: str) -> str:
@@ -520,7 +528,8 @@ def phase_axis(axis: Any) -> None:
 
 def square_axis(axis: Any, z: ComplexArray, room: float) -> None:
     """Equal limits of x and y about some places, so many times the half of their extent."""
-    low, high = complex(z.real.min(), z.imag.min()), complex(z.real.max(), z.imag.max())
+    low = complex(np.nanmin(z.real), np.nanmin(z.imag))
+    high = complex(np.nanmax(z.real), np.nanmax(z.imag))
     middle, reach = (low + high) / 2, room * max((high - low).real, (high - low).imag, 1e-12) / 2
     axis.set(xlim=(middle.real - reach, middle.real + reach), ylim=(middle.imag - reach, middle.imag + reach))
 

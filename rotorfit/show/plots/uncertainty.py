@@ -37,10 +37,12 @@ _MOST = 6
 
 
 def corner_names(names: Sequence[str], samples: Float) -> list[str]:
-    """Parameters that a corner plot shows unless others are named, in their order: the fluid's, then those most
-    correlated with any other."""
+    """Parameters that a corner plot shows unless others are named, in their order: all or the fluid's where a page has
+    room for them, else those most correlated with any other, the fluid's before."""
     if len(names) <= _MOST:
         return list(names)
+    if 1 < len(of_fluid := [name for name in names if bare_name(name) in _FLUID]) <= _MOST:
+        return of_fluid
     together = np.abs(np.corrcoef(samples, rowvar=False)) - np.eye(len(names))
     rank = {name: (bare_name(name) not in _FLUID, -together[i].max()) for i, name in enumerate(names)}
     chosen = sorted(names, key=rank.__getitem__)[:_MOST]
