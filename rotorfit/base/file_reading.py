@@ -161,8 +161,13 @@ def check_hdf5(path: Path) -> None:
     _check_heaps(path)
     foreign: list[str] = []
     declared: list[float] = []
+    untold: list[bytes] = []
 
     def look_at_link(name: bytes, info: h5py.h5l.LinkInfo) -> None:
+        try:
+            name.decode()
+        except UnicodeDecodeError:  # h5py hands it on as bytes
+            untold.append(name)
         if info.type == h5py.h5l.TYPE_EXTERNAL:
             foreign.append(name.decode(errors="replace"))
 
@@ -175,6 +180,8 @@ def check_hdf5(path: Path) -> None:
     with h5py.File(path, "r") as file:
         _refuse_nested(path.name, file)
         file.id.links.visit(look_at_link, info=True)
+        if untold:
+            raise ValueError(f"{path.name}: the name {untold[0]!a} in it is no text in UTF-8; rename it")
         file.visititems(look_at)
     if foreign:
         raise ValueError(f"{path.name}: {foreign[0]} is kept in another file, which is not read; copy it into this one")

@@ -6,7 +6,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import h5py
@@ -165,3 +165,16 @@ def test_numbers_that_have_no_squares_are_refused(tmp_path: Path, column: int, c
         ValueError, match=r"a\.csv: reading \d+: \w+ is -?[\d.e+]+ .*(numbers may be up to|up to 1e\+10 are allowed)"
     ):
         rf.read(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(("suffix", "read"), [(".h5", rf.read_recording), (".nc", rf.read)])
+def test_names_in_hdf5_that_are_no_text_are_refused(
+    suffix: str, read: Callable[[Path], object], tmp_path: Path
+) -> None:
+    path = tmp_path / f"named{suffix}"
+    with h5py.File(path, "w") as file:
+        file.attrs["sample_rate_hz"] = 1000.0
+        file.create_group("signals")
+        file[b"signals/K\xf6rper_X"] = np.zeros(5000)
+    with pytest.raises(ValueError, match=rf"named{suffix}: the name b'signals/K.xf6rper_X' in it is no text in UTF-8"):
+        read(path)

@@ -264,6 +264,25 @@ def odd_in_fit(fit: StoredFit, result: FitResult | None) -> list[str]:
     return odd
 
 
+def of_its_test(result: FitResult, test: StoredTest, settings: str) -> bool:
+    """True if a result is of the readings of a test, where its settings leave them as they were read."""
+    changed = any(f'"{key}"' in settings for key in ("undo", "baseline", "stator_mass_kg"))
+    return changed or content_hash(result.experiments) == test.content
+
+
+def rightly_superseded(test: StoredTest, tests: Mapping[int, StoredTest]) -> bool:
+    """True if a test counts, or the tests in its place, one after the other, are of a file or folder that it came from
+    and end in one that counts."""
+    seen: set[int] = set()
+    while test.superseded is not None:
+        seen.add(test.number)
+        later = tests.get(test.superseded)
+        if later is None or later.number in seen or not set(test.sources) & set(later.sources):
+            return False
+        test = later
+    return True
+
+
 def _same(one: Any, other: Any) -> bool:
     """True if values are the same, numbers to what other processors round differently."""
     if isinstance(one, Mapping) and isinstance(other, Mapping):

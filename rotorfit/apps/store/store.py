@@ -20,6 +20,8 @@ from rotorfit.apps.store.records import (
     StoredValue,
     differing,
     odd_in_fit,
+    of_its_test,
+    rightly_superseded,
     said_by,
     stored_fit,
     stored_test,
@@ -159,6 +161,8 @@ class Store:
             for test, path in ask("SELECT DISTINCT test, path FROM sources WHERE test NOT NULL ORDER BY number"):
                 paths.setdefault(test, []).append(path)
         with reading(str(self.path), KIND, decoded=True):
+            if lost := [row["number"] for row in rows if row["number"] not in paths]:
+                raise ValueError(f"{self.path} is damaged: nothing says where test {lost[0]} came from")
             return tuple(stored_test(dict(row), paths[row["number"]]) for row in rows)
 
     @property
@@ -361,12 +365,23 @@ class Store:
             settings = ask("SELECT key, text FROM settings")
             never = ask("SELECT fit FROM alarms WHERE fit > (SELECT coalesce(max(seq), 0) FROM sqlite_sequence)")
             whole = {row[0] for row in ask("SELECT number FROM fits WHERE result NOT NULL")}
-        found += [f"settings: {text!r} are not those of their key" for key, text in settings if key != key_of(text)]
+        texts = dict(map(tuple, settings))
+        found += [
+            f"settings: {text!r} are not those of their key" for key, text in texts.items() if key != key_of(text)
+        ]
         found += [f"alarms: one was told of fit {fit}, which has never been made" for (fit,) in never]
         try:
             tests, fits = self.tests, self.fits
         except ValueError as problem:
             return tuple(map(shown, (*found, str(problem))))
+        by_number = {test.number: test for test in tests}
+        if sorted(tests, key=lambda test: test.batch) != list(tests):
+            found.append("tests: they are not in the order of their arrival")
+        found += [
+            f"test {test.number}: it counts no longer, and no later state of its files takes its place"
+            for test in tests
+            if not rightly_superseded(test, by_number)
+        ]
         for test in tests:
             try:
                 odd = differing(test, said_by(self.experiments(test.number), self.path.name))
@@ -379,11 +394,15 @@ class Store:
         for fit in fits:
             try:
                 self.uncertainty_files(fit.number)
-                odd = odd_in_fit(fit, self.result(fit.number) if fit.number in whole else None)
+                result = self.result(fit.number) if fit.number in whole else None
+                odd = odd_in_fit(fit, result)
+                its = by_number.get(fit.test)
+                is_its = result is None or its is None or of_its_test(result, its, texts[fit.settings])
             except ValueError as problem:
                 found.append(str(problem))
             else:
                 found += [f"fit {fit.number}: {', '.join(odd)} differ from the result"] * bool(odd)
+                found += [f"fit {fit.number}: it is of other readings than test {fit.test}"] * (not is_its)
         return tuple(map(shown, found))
 
 
