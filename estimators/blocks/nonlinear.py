@@ -5,7 +5,7 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 
@@ -118,6 +118,13 @@ class OrbitResponses(OnResponses):
     def orbits(self, theta: Float) -> Float:
         """Eccentricity of each journal in each line, shape ``(J, ..., L)``."""
         return self._state(theta).eps
+
+    def on(self, base: Responses) -> Self:
+        """See :meth:`~rotorfit.estimators.blocks.observations.OnResponses.on`; orbits, which no reading moves, go
+        along."""
+        found = copy(self)
+        object.__setattr__(found, "base", base)
+        return found
 
     @cached_property
     def _states(self) -> dict[bytes, _State]:

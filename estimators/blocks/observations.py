@@ -577,11 +577,15 @@ class OnResponses(Asked):
 
     def with_noise(self, factor: Float) -> Self:
         """See :meth:`Block.with_noise`."""
-        return replace(self, base=self.base.with_noise(factor))
+        return self.on(self.base.with_noise(factor))
 
     def with_measured(self, measured: ComplexArray) -> Self:
         """See :meth:`Block.with_measured`."""
-        return replace(self, base=self.base.with_measured(measured))
+        return self.on(self.base.with_measured(measured))
+
+    def on(self, base: Responses) -> Self:
+        """The same seen of other readings of the same layout."""
+        return replace(self, base=base)
 
 
 def linear_responses(blocks: Iterable[Block]) -> list[Responses]:
