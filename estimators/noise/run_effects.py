@@ -129,7 +129,8 @@ class MixedSolution:
 
     def residuals(self, r: ComplexArray, J: ComplexArray, Z: ComplexArray, runs: Sequence[Index]) -> Residuals:
         """Residuals after the step, effects taken out."""
-        found = Residuals(values=r.copy(), sensitivities=np.empty_like(J.T).T, leverage=np.zeros(r.size))
+        left = np.empty_like(J.T).T if Z.shape[1] else J
+        found = Residuals(values=r.copy(), sensitivities=left, leverage=np.zeros(r.size))
         for number, rows in enumerate(runs or [np.arange(r.size)]):
             for part in parts(rows.size):
                 some = in_a_row(rows[part])
@@ -139,10 +140,10 @@ class MixedSolution:
                 if len(effects):
                     values += self.own[number] @ effects
                     own = own - self.onto[number].T @ effects
+                    left[some] = own.view(complex).T
                     leverage += powers(self.inner[number] @ effects, effects)
                 leverage += powers(self.outer @ own, own)
-                found.values[some], found.sensitivities[some] = values.view(complex), own.view(complex).T
-                found.leverage[some] = leverage / 2
+                found.values[some], found.leverage[some] = values.view(complex), leverage / 2
         return found
 
 
