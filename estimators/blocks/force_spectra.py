@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,23 +27,14 @@ class ForceShape:
         turned = ", forward and backward apart" if self.turning else ""
         return f"{self.slope}{turned}{', floor not white' if self.floor else ''}"
 
-    @property
-    def neighbours(self) -> tuple[ForceShape, ...]:
-        """Shapes that differ in frequency, of force and floor, or in the senses of turning."""
-        return tuple(
-            one
-            for one in SHAPES
-            if (one.turning == self.turning) ^ (one == replace(self, turning=one.turning))  # not in both, not in none
-        )
-
 
 SHAPES = tuple(
     ForceShape(slope, turning, floor)
     for floor in (False, True)
-    for turning in (False, True)
-    for slope in ("white", "power", "planes", "knots")
+    for turning in (True, False)
+    for slope in ("knots", "planes", "power", "white")
 )
-"""All shapes, in the order in which they are tried: those that the data are most likely to tell first."""
+"""All shapes, in the order in which they are tried: with the freest force first, as it finds the rotor from afar."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -205,8 +205,8 @@ class Asked(Protocol):
 
     @property
     def force_spectra(self) -> tuple[str, ...]:
-        """Names of what the spectrum of a force that was not measured may be: the one that is taken, then others
-        near it."""
+        """Names of what the spectrum of a force that was not measured may be: the one that is taken, then others, the
+        freest first."""
         return ()
 
     def with_force_spectrum(self, name: str) -> Block:

@@ -72,7 +72,7 @@ class OperatingSpectra(Observed):
     group: Index  # parameter group of each cell, shape ``(C,)``
     setting: Index  # cells of one number share the spectra of force and floor, shape ``(C,)``
     coordinate: Index  # of the model, that were read, shape ``(n,)``
-    shape: ForceShape = SHAPES[0]
+    shape: ForceShape = field(default_factory=ForceShape)
     untied: bool = False  # whether forces, and floors, are taken for independent, for starts
     weight: ComplexArray | None = None  # inverse of L, by predictions, shape ``(..., C, m, m)``
     found: dict[int, _Found] = field(default_factory=dict)  # spectra found last, where a search for them begins
@@ -105,8 +105,8 @@ class OperatingSpectra(Observed):
     @property
     def force_spectra(self) -> tuple[str, ...]:
         """See :class:`~rotorfit.estimators.blocks.observations.Asked`: one slope for all planes where there is one."""
-        others = (one for one in self.shape.neighbours if one.slope != "planes" or len(self.model.planes) > 1)
-        return tuple(map(str, (self.shape, *others)))
+        others = (one for one in SHAPES if one.slope != "planes" or len(self.model.planes) > 1)
+        return tuple(dict.fromkeys(map(str, (self.shape, *others))))
 
     def with_force_spectrum(self, name: str) -> OperatingSpectra:
         """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
@@ -255,6 +255,7 @@ class OperatingSpectra(Observed):
             degrees=nu,
             group=self.group[first],
             setting=self.setting[first],
+            shape=ForceShape("power", turning=True),
             untied=True,
             found={},
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -22,13 +23,14 @@ from rotorfit.estimators.starting.start_points import (
     short_fits,
 )
 
-_STARTS, _FOLLOWED = 24, 4
+_STARTS, _FOLLOWED = 24, 3
 """Rotors from all over their range, and those of them that are followed in the spectra. Chosen."""
 _SHORT = Options(max_iterations=40, tolerance=1e-3, acceptable=1e-3, method="gauss-newton", hessian="gauss-newton")
 
 
 def start_by_poles(problem: Problem, others: Sequence[Float]) -> Start:
-    """The best end of short fits, from rotors that have the poles of the spectra and suit the other readings."""
+    """The best end of short fits, and the other ends, from rotors that have the poles of the spectra and suit the other
+    readings."""
     space = problem.space
     size = len(space.names)
     with_poles = replace(problem, blocks=tuple(map(_with_poles, problem.blocks)))
@@ -41,7 +43,10 @@ def start_by_poles(problem: Problem, others: Sequence[Float]) -> Start:
         lost = ~np.isfinite(cost)
         x[lost] = (x[lost] + begin[lost]) / 2
         cost[lost] = [problem.cost(end) for end in x[lost]]
-    followed = [k for k in np.argsort(cost, kind="stable")[:_FOLLOWED].tolist() if np.isfinite(cost[k])]
+    followed = [x[k] for k in np.argsort(cost, kind="stable")[:_FOLLOWED].tolist() if np.isfinite(cost[k])]
+    if not told:  # a force that is not white may show poles that are none
+        raw = np.array([problem.cost(end) for end in begin])
+        followed += [begin[k] for k in np.argsort(raw, kind="stable")[:_FOLLOWED].tolist() if np.isfinite(raw[k])]
     if not followed:
         raise ValueError(
             f"no start was found at which {space.model.name} is stable and has the poles of the spectra: give start "
@@ -49,10 +54,13 @@ def start_by_poles(problem: Problem, others: Sequence[Float]) -> Start:
         )
     low, high = space.lower, space.upper
     ends = (
-        minimise(problem, x[k], lower=low, upper=high, scale=search_scale(space, x[k]), options=_SHORT)
-        for k in followed
+        minimise(problem, point, lower=low, upper=high, scale=search_scale(space, point), options=_SHORT)
+        for point in followed
     )
-    return Start(x=min(ends, key=lambda fit: np.nan_to_num(fit.cost, nan=np.inf)).x[:size], kind=POLES)
+    same = 1 + 1e-3  # ratio of the costs of ends in one minimum
+    first, *rest = sorted(ends, key=lambda fit: np.nan_to_num(fit.cost, nan=np.inf))
+    others = [end.x[:size] for before, end in pairwise([first, *rest]) if end.cost > same * before.cost]
+    return Start(x=first.x[:size], kind=POLES, others=tuple(others))
 
 
 def _of_modes(problem: Problem) -> Iterator[Float]:

@@ -32,6 +32,7 @@ class Start:
 
     x: Float  # parameters, or the whole vector with nuisance entries behind them, shape ``(p,)``
     kind: str  # which one was taken, one of the names above
+    others: tuple[Float, ...] = ()  # of x beside it, from which a search may end elsewhere
     notes: tuple[str, ...] = ()  # what had to be assumed, or is in doubt, in sentences
     perhaps_local: bool = False  # True if another minimum may be as deep or deeper; a note says why
 

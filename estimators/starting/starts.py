@@ -59,7 +59,8 @@ def find_start(problem: Problem, given: Mapping[str, float]) -> Start:
     if not np.isnan(values).any():
         return Start(x=full_vector(problem, values), kind=GIVEN)
     found, datum = _guess_with_datum(problem)
-    return replace(found, x=full_vector(problem, np.where(np.isnan(values), found.x, values), datum))
+    whole = [full_vector(problem, np.where(np.isnan(values), x, values), datum) for x in (found.x, *found.others)]
+    return replace(found, x=whole[0], others=tuple(whole[1:]))
 
 
 def _guess_with_datum(problem: Problem) -> tuple[Start, float]:

@@ -23,7 +23,7 @@ KNOWN = {"M": 1.0, "K": 7000.0, "Ds": 5.0}
 
 @pytest.fixture(scope="module")
 def test() -> rf.OperatingTest:
-    return recorded(MODEL, ONE_MODE, np.array([200.0]), minutes=10, seed=1)
+    return recorded(MODEL, ONE_MODE, np.array([200.0]), minutes=10, seed=3)
 
 
 def test_one_speed_without_force_tells_threshold_and_decrement(test: rf.OperatingTest) -> None:
@@ -87,6 +87,10 @@ def test_errors_hold_over_draws() -> None:
             causes=None,
         )
         threshold, D = fit.threshold_speed(), fit.params["D"]
+        if seed == 2:  # chance makes a force that turns and falls as likely: the rotor is then less well known
+            assert fit.model_uncertainty is not None
+            assert threshold.stderr > 0.03 * threshold.value
+            assert "internal-problem" not in {finding.code for finding in fit.findings}
         z.append([(threshold.value - onset.speed) / threshold.stderr, (D.value - ONE_MODE["D"]) / D.stderr])
     assert (np.square(z).sum(axis=0) < 16.3).all()  # of 3 draws: one in a thousand is more
 

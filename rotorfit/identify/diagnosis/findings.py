@@ -99,7 +99,7 @@ def _shown(fit: FitResult) -> list[Finding]:
 
 def _as_asked(fit: FitResult) -> FitResult:
     """The fit without blocks that were chosen for its model, which may follow an error of the data."""
-    if fit.model_uncertainty is None:
+    if fit.model_uncertainty is None or any(block.force_spectra for block in fit.problem.blocks):
         return fit
     model, asked = fit.model.variant(blocks=()), fit.settings.asked
     own = {name: prior for name, prior in asked.priors.items() if bare_name(name) in model.parameter_names}

@@ -7,13 +7,14 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rotorfit.base.array_types import Float
 from rotorfit.base.digits import significant
 from rotorfit.base.faults import of_library, of_program
+from rotorfit.estimators.inference.covariance import excess, inverse_curvature
 from rotorfit.estimators.minimisation.least_squares import Options, Solution, Status, minimise
 from rotorfit.estimators.minimisation.objective import Method
 from rotorfit.estimators.minimisation.projection import Projection
@@ -144,7 +145,13 @@ def _numbers(pair: Any) -> Any:
     return (-np.inf if low is None else low, np.inf if high is None else high)
 
 
-_Solved: TypeAlias = tuple[Problem, Start, Solution]
+class _Solved(NamedTuple):
+    """A solved problem."""
+
+    problem: Problem
+    start: Start
+    solution: Solution
+    rival: _Solved | None = None  # the same rotor with another spectrum of a force, which the data do not tell from it
 
 
 def fitted(
@@ -153,12 +160,13 @@ def fitted(
     """The fit of a model with given settings; ``or_from_data``: start values that do not lead to a fit that explains
     the data are tried without."""
     try:
-        problem, start, solution = found = min(_solved(model, experiments, settings), key=_bic)
-        if or_from_data and settings.start and not explains(problem, solution):
-            problem, start, solution = _or_from_data(found, model, experiments, settings)
-            settings = settings if start is found[1] else replace(settings, start={})
-        settings = replace(settings, force_spectrum=_spectrum_of(problem))
-        return judged(problem, experiments, settings, start, solution)
+        found = begun = min(_solved(model, experiments, settings), key=_bic)
+        if or_from_data and settings.start and not explains(found.problem, found.solution):
+            found = _or_from_data(begun, model, experiments, settings)
+            settings = settings if found.start is begun.start else replace(settings, start={})
+        settings = replace(settings, force_spectrum=_spectrum_of(found.problem))
+        fit = judged(found.problem, experiments, settings, found.start, found.solution)
+        return fit if found.rival is None else with_model_uncertainty(fit, _of_choice(found, found.rival))
     except np.linalg.LinAlgError as reason:
         if not of_library(reason):
             raise
@@ -181,25 +189,25 @@ def _or_from_data(
         return found
 
     def doubt(solved: _Solved) -> tuple[bool, bool, float]:
-        problem, _, solution = solved
-        return not explains(problem, solution), not _is_minimum(solution), np.nan_to_num(solution.cost, nan=np.inf)
+        solution = solved.solution
+        local = not explains(solved.problem, solution), not _is_minimum(solution)
+        return *local, np.nan_to_num(solution.cost, nan=np.inf)
 
     same = 1e-3  # relative difference of costs within which two searches ended in one minimum
     one = doubt(free)[:2] == doubt(found)[:2] and free[2].cost > (1 - same) * found[2].cost
     if one or not doubt(free) < doubt(found):
         return found
-    redchi, own = (significant(redchi_of(problem, solution), 3) for problem, _, solution in (found, free))
+    redchi, own = (significant(redchi_of(one.problem, one.solution), 3) for one in (found, free))
     given = ", ".join(f"{name} {value:g}" for name, value in settings.start.items())
-    local = "" if explains(free[0], free[2]) else ". Neither explains the data: perhaps a local minimum"
-    minimum = "" if _is_minimum(found[2]) else ", no minimum"
+    local = "" if explains(free.problem, free.solution) else ". Neither explains the data: perhaps a local minimum"
+    minimum = "" if _is_minimum(found.solution) else ", no minimum"
     note = (
         f"the start that was given ({given}) leads to redchi {redchi}{minimum}, the one found from the data to {own}: "
         f"this is the fit from the data. Check the start values and their units{local}"
     )
     _LOG.info("%s", note)
-    problem, start, solution = free
-    local_too = start.perhaps_local or bool(local)
-    return problem, replace(start, notes=(note, *start.notes), perhaps_local=local_too), solution
+    local_too = free.start.perhaps_local or bool(local)
+    return free._replace(start=replace(free.start, notes=(note, *free.start.notes), perhaps_local=local_too))
 
 
 def _solved(model: RotorModel, experiments: tuple[Experiment, ...], settings: FitSettings) -> list[_Solved]:
@@ -223,40 +231,67 @@ def _solved(model: RotorModel, experiments: tuple[Experiment, ...], settings: Fi
                 raise
             continue
         options = Options(max_iterations=settings.max_iterations, method=settings.method)
-        if not settings.force_spectrum and _spectrum_of(problem):
-            problem, begin = _with_best_spectrum(problem, start.x)
-        else:
-            begin = start.x
-        found.append((problem, start, solve(problem, begin, options)))
+        if settings.force_spectrum or not _spectrum_of(problem):
+            found.append(_Solved(problem, start, solve(problem, start.x, options)))
+            continue
+        best, rival = (
+            one._replace(solution=solve(one.problem, one.solution.x, options))
+            for one in _with_best_spectra(problem, start)
+        )
+        same = rival.problem is best.problem or not _is_minimum(rival.solution)
+        found.append(best._replace(rival=None if same else rival))
     return found
 
 
-def _with_best_spectrum(problem: Problem, x: Float) -> tuple[Problem, Float]:
-    """The problem with the spectrum of least BIC of a force that was not measured, and its solution to a few digits:
-    step by step to the best of those near it, each tried from the best solution before, or from the start where that
-    leads to none. Spectra that are far from the force need no minimum."""
-    rough = Options(max_iterations=15, tolerance=1e-3, acceptable=1e-3, method="gauss-newton", hessian="gauss-newton")
-    begin = Start(x=x, kind=EARLIER_FIT)
+def _with_best_spectra(problem: Problem, start: Start) -> tuple[_Solved, _Solved]:
+    """The problem with the spectra of least BIC and of least AIC of a force that was not measured, solved to a few
+    digits. Each spectrum is begun where it costs least of the places that are known, the freest first, and again where
+    one of the best ended, as long as it costs less there: a rotor found with the wrong spectrum is often far from that
+    of the right one."""
+    rough = Options(max_iterations=4, tolerance=1e-3, acceptable=1e-3, method="gauss-newton", hessian="gauss-newton")
+    less, near = 0.1, 1.3  # of a cost, worth another search; over the least found, up to which a search goes on
+    rounds, followed = 4, 2  # of the search for all; of the best places
+    names = dict.fromkeys(name for block in problem.blocks for name in block.force_spectra)
+    found: dict[str, _Solved] = {}
 
-    def tried(problem: Problem, near: Float) -> _Solved:
-        found = solve(problem, near, rough)
-        if not _is_minimum(found):
-            found = min(found, solve(problem, x, rough), key=lambda one: np.nan_to_num(one.cost, nan=np.inf))
-        if not _is_minimum(found) and found.cost < problem.n_data:  # on its way to explain them
-            found = solve(problem, found.x, Options(tolerance=1e-3, acceptable=1e-3))
-        return problem, begin, found
+    def hopeless(solution: Solution) -> bool:
+        return not solution.cost < near * min((one.solution.cost for one in found.values()), default=np.inf)
 
-    seen: set[str] = set()
-    solved = tried(problem, x)
-    while True:
-        problem, _, _ = best = solved
-        names = dict.fromkeys(name for block in problem.blocks for name in block.force_spectra)
-        for name in [name for name in names if name not in {*seen, _spectrum_of(problem)}]:
-            blocks = tuple(block.with_force_spectrum(name if block.force_spectra else "") for block in problem.blocks)
-            best = min((best, tried(replace(problem, blocks=blocks), best[2].x)), key=_rough_bic)
-        if best is solved:
-            return problem, solved[2].x
-        seen, solved = seen | set(names), best
+    for number in range(rounds):
+        before = {name: one.solution.cost for name, one in found.items()}
+        for name in [*list(names)[1:], *list(names)[:1]]:
+            if name in found and hopeless(found[name].solution):
+                continue
+            own = found[name].problem if name in found else _with_spectrum(problem, name)
+            best = sorted(found.values(), key=_aic)[:followed]
+            places = [one.solution.x for one in best] + ([] if number else [start.x, *start.others])
+            costs = [float(np.nan_to_num(own.cost(x), nan=np.inf)) for x in places]
+            if name in found and not min(costs) < before[name] - less:
+                continue
+            solution = solve(own, places[int(np.argmin(costs))], rough)
+            if not _is_minimum(solution) and not hopeless(solution):
+                solution = solve(own, solution.x, replace(rough, max_iterations=40))
+            if name not in found or solution.cost < before[name]:
+                found[name] = _Solved(own, start, solution)
+        if all(one.solution.cost > before.get(name, np.inf) - less for name, one in found.items()):
+            break
+    return min(found.values(), key=_bic), min(found.values(), key=_aic)
+
+
+def _of_choice(best: _Solved, rival: _Solved) -> Float:
+    """What is added to the covariance of the parameters because the data do not choose between two spectra of a force:
+    the means of both covariances and the squares of their distance, by their weights after Akaike."""
+    weight = 1 / (1 + np.exp((_aic(rival)[-1] - _aic(best)[-1]) / 2))
+    own, other = (inverse_curvature(one.problem, one.solution.x) for one in (best, rival))
+    apart = rival.solution.x - best.solution.x
+    wide = (1 - weight) * own + weight * (other + np.outer(apart, apart))
+    count = len(best.problem.space.names)
+    return excess(wide, own)[:count, :count]
+
+
+def _with_spectrum(problem: Problem, name: str) -> Problem:
+    blocks = tuple(block.with_force_spectrum(name if block.force_spectra else "") for block in problem.blocks)
+    return replace(problem, blocks=blocks)
 
 
 def _spectrum_of(problem: Problem) -> str:
@@ -269,19 +304,24 @@ def _is_minimum(solution: Solution) -> bool:
     return solution.success or solution.status is Status.SINGULAR
 
 
-def _bic(solved: _Solved) -> tuple[bool, float]:
-    """What tells the better of two solved problems of the same readings: whether it has a minimum that can be, and its
-    BIC."""
-    unbelievable, bic = _rough_bic(solved)
-    return not _is_minimum(solved[2]) or unbelievable, bic
+def _bic(solved: _Solved) -> tuple[bool, bool, float]:
+    """What tells the better of two solved problems of the same readings: whether it has a minimum, whether its numbers
+    can be, and its BIC."""
+    return _criterion(solved, float(np.log(solved.problem.n_data)))
 
 
-def _rough_bic(solved: _Solved) -> tuple[bool, float]:
-    """The same of problems on their way to a minimum."""
-    problem, _, solution = solved
-    sound = all(block.own_believable for block in problem.blocks)
+def _aic(solved: _Solved) -> tuple[bool, bool, float]:
+    """The same with AIC, which keeps what is freer as long as it may be needed."""
+    return _criterion(solved, 2.0)
+
+
+def _criterion(solved: _Solved, each: float) -> tuple[bool, bool, float]:
+    """The same with twice the cost and so much for each number that is fitted."""
+    problem, solution = solved.problem, solved.solution
+    unsound = not all(block.own_believable for block in problem.blocks)
     unknowns = problem.space.size + sum(block.own_unknowns for block in problem.blocks)
-    return not sound, 2 * solution.cost + unknowns * float(np.log(problem.n_data))
+    cost = float(np.nan_to_num(solution.cost, nan=np.inf))
+    return not _is_minimum(solution), unsound, 2 * cost + unknowns * each
 
 
 def judged(

@@ -46,6 +46,9 @@ def _notes(fit: FitResult) -> Iterator[Finding]:
     """What belongs beside the numbers of a fit."""
     for remark in dict.fromkeys(remark for block in fit.problem.blocks for remark in block.remarks):
         yield Finding("note", "errors", remark)
+    if fit.model_uncertainty is not None and any(block.force_spectra for block in fit.problem.blocks):
+        text = "another spectrum of the force fits as well, by AIC: how far it moves the rotor counts in the errors"
+        yield Finding("note", "errors", text)
     if fit.noise is not None:
         yield from fit.noise.notes
     for row in fit.causes.found:
