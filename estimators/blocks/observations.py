@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,6 +21,7 @@ from rotorfit.estimators.blocks.response import (
 from rotorfit.estimators.blocks.row_keys import combined, numbers, occurrence, rows_by
 from rotorfit.estimators.blocks.set_speeds import set_speeds
 from rotorfit.models import RotorModel
+from rotorfit.models.motion.neglected_terms import LeftOut
 
 
 class Asked(Protocol):
@@ -71,6 +72,20 @@ class Asked(Protocol):
     def pushed(self, theta: Float, force: ComplexArray) -> ComplexArray:
         """Change of :meth:`motion` by small forces beside those of the test, shape ``(L, n)`` as these."""
         return np.zeros_like(force)
+
+    @property
+    def speed_read(self) -> Float | None:
+        """Rotative speed of each reading of free vibration, rad/s, shape ``(R,)``; None for other blocks."""
+        return None
+
+    def shifted(self, theta: Float, term: Callable[[RotorModel, Float, float], LeftOut | None]) -> ComplexArray:
+        """Change of readings of free vibration by a unit of what adds to the equation of motion, shape ``(R,)``.
+
+        Args:
+            theta: parameter vectors, shape ``(G, P)``.
+            term: what is added, of the model, the vector of a group and a frequency of whirl, rad/s.
+        """
+        return np.zeros(self.measured.size, dtype=complex)  # type: ignore[attr-defined, arg-type]
 
     @property
     def apart(self) -> Block | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -10,8 +11,15 @@ from rotorfit.base.array_types import Bool, ComplexArray, Float, Index
 from rotorfit.estimators.blocks.nonlinear import eccentricity_of_reading, resized
 from rotorfit.estimators.blocks.observations import Observed, Responses
 from rotorfit.estimators.blocks.response import inverse_of_lines, read_by_probes, read_by_probes_jacobian
+from rotorfit.models import RotorModel
 from rotorfit.models.motion.journal import journal, known_structure, line_stiffness
-from rotorfit.models.motion.off_centre import coupled_stiffness, off_centre_eigenvalues, off_centre_gradient
+from rotorfit.models.motion.neglected_terms import LeftOut
+from rotorfit.models.motion.off_centre import (
+    coupled_stiffness,
+    off_centre_eigenvalues,
+    off_centre_gradient,
+    off_centre_shift,
+)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -147,6 +155,26 @@ class FreeVibrations(Observed):
         """See :class:`~rotorfit.estimators.blocks.observations.Asked`; eccentricities that were given stay."""
         eccentricity = np.where(self.position_read, self.eccentricity / factor, self.eccentricity)
         return replace(self, model=resized(self.model, factor), eccentricity=eccentricity)
+
+    @property
+    def speed_read(self) -> Float:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return self.speed
+
+    def at_speeds(self, factor: float) -> FreeVibrations:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        return replace(self, speed=self.speed * factor)
+
+    def shifted(self, theta: Float, term: Callable[[RotorModel, Float, float], LeftOut | None]) -> ComplexArray:
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`."""
+        eps, s = np.broadcast_to(self.measured_eccentricity(theta), self.speed.shape), self.predict(theta)
+        found = np.zeros(s.size, dtype=complex)
+        for row, vector in enumerate(theta[self.reading_group]):
+            ahead, behind = (term(self.model, vector, way * float(s[row].imag)) for way in (1, -1))
+            if ahead is not None and behind is not None:
+                at = float(self.speed[row]), float(eps[row]), complex(s[row])
+                found[row] = off_centre_shift(self.model, vector, *at, ahead, behind)
+        return found
 
     def _at_rest(self, theta: Float) -> tuple[Float, Float]:
         """Static eccentricities and their derivatives, those that were given being what they are."""

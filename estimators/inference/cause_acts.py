@@ -221,7 +221,7 @@ class OfRotor(Act):
         """See :class:`Act`."""
         base = motion.circular
         if base is None:
-            return np.zeros(motion.block.measured.size, dtype=complex)
+            return motion.block.shifted(motion.theta, self.term)
         factor = self.factor(base, motion.values)
         if motion.linear is None:
             force = np.zeros_like(motion.planes)
@@ -306,16 +306,22 @@ class OfValues(Act):
 
     def change(self, motion: Motion) -> ComplexArray:
         """See :class:`Act`."""
-        base = motion.base
-        if base is None:
-            return np.zeros(motion.block.measured.size, dtype=complex)
-        index, group, _ = base.condition
-        found = self.changed(base.model, (motion.linear or base).condition[2])
+        base, block = motion.base, motion.block
+        none = np.zeros(block.measured.size, dtype=complex)
+        if base is not None:
+            (index, group, _), speed = base.condition, (motion.linear or base).condition[2]
+            model, of_reading = base.model, index[base.line]
+        elif block.speed_read is not None:
+            speed, group, model = block.speed_read, block.reading_group, block.model  # type: ignore[attr-defined]
+            of_reading = np.arange(speed.size)
+        else:
+            return none
+        found = self.changed(model, speed)
         if found is None:
-            return np.zeros(base.line.size, dtype=complex)
+            return none
         by_unit = motion.theta[group] * found[0] + found[1]
         some = np.flatnonzero(by_unit.any(axis=0))
-        return np.asarray(np.sum(motion.by_values[:, some] * by_unit[:, some][index[base.line]], axis=1))
+        return np.asarray(np.sum(motion.by_values[:, some] * by_unit[:, some][of_reading], axis=1))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -481,7 +487,7 @@ class SpeedLabel(Act):
     def change(self, motion: Motion) -> ComplexArray:
         """See :class:`Act`."""
         block = motion.block
-        if motion.base is None:
+        if motion.base is None and block.speed_read is None:
             return np.zeros(block.measured.size, dtype=complex)
         up, down = (block.at_speeds(1 + way * _STEP).predict(motion.theta) for way in (1, -1))
         return np.asarray((up - down) / (2 * _STEP))

@@ -18,6 +18,7 @@ from rotorfit.base.array_types import ComplexArray, Index
 from rotorfit.models.coefficients import CoefficientJacobian
 from rotorfit.models.model import RotorModel
 from rotorfit.models.motion.journal import journal, known_structure, line_stiffness
+from rotorfit.models.motion.neglected_terms import LeftOut
 from rotorfit.models.motion.orbits import OrbitEquation, all_roots
 from rotorfit.models.motion.stability import SPEEDS, Threshold, first_growth, mode_vectors, seats, spectrum
 from rotorfit.models.shafts.angular_rates import angular_rate
@@ -137,6 +138,23 @@ def off_centre_gradient(
         result = result + (u[..., at] * moved)[..., None] * slope
         result = result + (u[..., size + at] * moved)[..., None] * slope.conj()
     return np.asarray(-result / by_s[..., None])
+
+
+def off_centre_shift(
+    model: RotorModel, theta: ArrayLike, speed: float, eccentricity: float, s: complex, ahead: LeftOut, behind: LeftOut
+) -> complex:
+    """Change of a simple eigenvalue by a unit of a term that the model leaves out, as it is for motion that whirls
+    forward and backward."""
+    C = free_motion(model, theta, speed, eccentricity)
+    places, size = seats(model), C.shape[-1] // 2
+    u, v, by_s = mode_vectors(C, np.asarray(s, dtype=complex))
+    total = 0j
+    for entries, factor, side in (
+        (ahead.entries, ahead.factor(np.asarray(s), np.asarray(speed)), 0),
+        (behind.entries, behind.factor(np.asarray(s).conj(), np.asarray(speed)).conj(), size),
+    ):
+        total += sum(weight * factor * u[side + places[i]] * v[side + places[j]] for i, j, weight in entries)
+    return complex(-total / by_s)
 
 
 def off_centre_threshold(

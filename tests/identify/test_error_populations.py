@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.optimize import newton
 from slow_cases import slow_but
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
@@ -21,6 +22,7 @@ from error_populations import OUTPUTS, ROWS, Found, line_of
 
 import rotorfit as rf
 from rotorfit.estimators.inference.cause_acts import Motion
+from rotorfit.lab.kinds.free_vibration import ImpulseTest
 
 RARE = 1e-3
 
@@ -74,6 +76,49 @@ def test_causes_move_orbits_as_they_move_a_rotor_with_a_law(monkeypatch: pytest.
         moved[cause.name] = np.abs(cause.act.change(motion) - plain).max() / np.abs(plain).max()
     assert {"damper[journal]", "loss", "hysteresis[journal]", "gyro[journal]", "flex[journal]"} < set(moved)
     assert max(moved.values()) < 1e-5, moved  # truncated at the square of the step
+
+
+def test_causes_move_free_vibration_as_they_move_the_rotor() -> None:
+    """Columns of eigenvalues that stand beside sweeps, against roots of the rig's own determinant."""
+    kind = "disk and journal"
+    rotor, row = rig.rotor_of(kind, 0, 1), rig.Row(kind=kind)
+    sweep = rig.sweep_of(rotor, row)
+    speed = sweep.speeds[1]
+    first = [s for s in rotor._roots(speed) if abs(s.imag) > 3 * abs(s.real)]
+
+    def roots(causes: dict[str, float]) -> np.ndarray:
+        acting = {name: size for name, size in causes.items() if name != "drift"}  # which is along a sweep
+        true = speed * (1 + acting.get("speed label", 0.0))
+
+        def singular(s: complex) -> complex:
+            return np.linalg.det(rotor.stiffness(np.array([s]), true, acting, sweep)[0] / rotor.K.max())
+
+        return np.array([newton(singular, s, tol=1e-9) for s in first])
+
+    s, rows = roots({}), len(first)
+    hit = ImpulseTest(
+        run=np.full(rows, "hit"), speed=np.full(rows, speed),
+        frequency=np.abs(s.imag), damping_ratio=-s.real / np.abs(s),
+        eccentricity=np.zeros(rows), position=np.full(rows, np.nan + 0j), sigma=1e-3 * np.abs(s),
+    )  # fmt: skip
+    test = rig.responses(rotor, sweep, {}, row, np.random.default_rng(0))
+    fit = rf.fit(rig.model_of(kind), [test, hit], known=rig.known_of(kind, rotor))
+    theta = np.array([[rotor.value(name) for name in fit.model.parameter_names]])
+    motion = Motion(block=fit.problem.blocks[1], theta=theta)
+    upright = np.where(s.imag > 0, s, s.conj())
+    assert motion.predicted == pytest.approx(upright, rel=1e-9)
+    moving = {}
+    for cause in fit.settings.solved.causes:
+        step = 1e-3 * cause.size
+        by_step = (roots({cause.name: step}) - roots({cause.name: -step})) / (2 * step)
+        plain = np.where(s.imag > 0, by_step, by_step.conj())
+        off = np.abs(cause.act.change(motion) - plain).max()
+        assert off <= 1e-5 * np.abs(plain).max() + 1e-9 * np.abs(s).max() / cause.size, cause.name
+        moving[cause.name] = bool(plain.any())
+    assert {name for name, moves in moving.items() if moves} > {
+        "K3", "damper[journal]", "loss", "hysteresis[disk]", "gyro[disk]", "mass[disk, journal]", "lag", "speed label",
+        "speed[K0]",
+    }  # fmt: skip
 
 
 DESIGNS = [

@@ -147,9 +147,10 @@ class _Rig:
 
     @cached_property
     def turning(self) -> bool:
-        """True for rotors in z = x + jy, whose causes act on the rotor too. Other tests of a rotor with a law have no
-        columns of those: beside them the orbits would tell what both hold."""
-        alone = not self.model.eccentricity_dependent or len(self.circular) == len(self.problem.blocks)
+        """True for rotors in z = x + jy, whose causes act on the rotor too. Loads and off-centre motion of a rotor with
+        a law have no columns of those: beside them the orbits would tell what both hold."""
+        free = sum(block.speed_read is not None for block in self.problem.blocks)
+        alone = not self.model.eccentricity_dependent or len(self.circular) + free == len(self.problem.blocks)
         return (
             self.model.frame == "z"
             and all(c.axis == "z" for c in self.model.coordinates)
