@@ -181,21 +181,22 @@ def gauss_nodes(position: Float, weight: Float, count: int) -> Float:
 
 def _poles(narrow: Sequence[LocalFit]) -> ComplexArray:
     """Pole nearest to each narrow band, from what it and its neighbours show; NaN where none is near."""
-    noise = pooled_noise(narrow)
+    node, response = (np.array([getattr(fit, name) for fit in narrow]) for name in ("node", "response"))
+    leverage = np.array([fit.leverage for fit in narrow])
+    sigma = pooled_noise(narrow).T[:, None, :, None] * np.sqrt(leverage / 2)[:, :, None]
+    beside = 3  # narrow bands on either side in which the nearest pole is looked for
+    first = np.maximum(np.arange(len(narrow)) - beside, 0)
+    size = np.minimum(np.arange(len(narrow)) + beside + 1, len(narrow)) - first
     found = np.full(len(narrow), np.nan + 0j)
-    window = 7  # narrow bands in which the nearest pole is looked for
-    for k in range(len(narrow)):
-        first, last = max(k - window // 2, 0), min(k + window // 2 + 1, len(narrow))
-        part = narrow[first:last]
-        response = np.concatenate([fit.response for fit in part], axis=2)
-        sigma = np.concatenate(
-            [noise[:, first + i, None] * np.sqrt(fit.leverage / 2)[:, None] for i, fit in enumerate(part)], axis=2
-        )
-        points = response.shape[2]
-        if points > 2 * (SMOOTH_DEGREE + 2):
-            found[k] = nearest_pole(
-                np.concatenate([fit.node for fit in part]), response.reshape(-1, points), sigma.reshape(-1, points)
-            )
+    for bands in np.unique(size).tolist():
+        if bands * node.shape[1] > 2 * (SMOOTH_DEGREE + 2):
+            some = np.flatnonzero(size == bands)
+            near = first[some, None] + np.arange(bands)
+            channels = [
+                np.moveaxis(values[near], 1, -2).reshape(some.size, -1, bands * node.shape[1])
+                for values in (response, sigma)
+            ]
+            found[some] = nearest_poles(node[near].reshape(some.size, -1), *channels)
     return found
 
 
@@ -296,28 +297,33 @@ def seen(columns: ComplexArray, powers: ComplexArray, greatest: Float, most: int
     return columns[:, [k for k in sorted(strongest.tolist()) if rest[k] > INPUT_AMPLITUDE_SHARE * greatest[k]]]
 
 
-def nearest_pole(frequency: Float, response: ComplexArray, sigma: Float) -> complex:
-    """Pole in the upper half-plane of w (a mode that decays), NaN where the responses show none. Around a resonance
-    every response is ``(smooth)/(w - p)`` with one pole p for all of them. From rough responses, ``w H = p H + q(w)``
-    with a quadratic q for each is linear in p and q (Levy's linearisation), weighted by ``1/(sigma |w - p|)`` with the
-    p of the step before (Sanathanan and Koerner 1963). A pole that is a little off costs little: a smooth function over
-    ``w - p`` stands for the responses as well as a polynomial does, and better."""
-    middle = float(frequency.mean())
-    half = float(np.ptp(frequency)) / 2
-    x = (frequency - middle) / half
-    powers = np.vander(x, SMOOTH_DEGREE + 1)
-    pole = complex(np.inf)
+def nearest_poles(frequency: Float, response: ComplexArray, sigma: Float) -> ComplexArray:
+    """Pole in the upper half-plane of w (a mode that decays) for each of several windows, NaN where the responses show
+    none. Around a resonance every response is ``(smooth)/(w - p)`` with one pole p for all of them. From rough
+    responses, ``w H = p H + q(w)`` with a quadratic q for each is linear in p and q (Levy's linearisation), weighted by
+    ``1/(sigma |w - p|)`` with the p of the step before (Sanathanan and Koerner 1963). A pole that is a little off costs
+    little: a smooth function over ``w - p`` stands for the responses as well as a polynomial does, and better.
+
+    Args:
+        frequency: of the points of each window, rad/s, shape ``(W, N)``.
+        response, sigma: of each response, shape ``(W, C, N)``.
+    """
+    middle, half = frequency.mean(axis=1), np.ptp(frequency, axis=1) / 2
+    x = (frequency - middle[:, None]) / half[:, None]
+    powers = x[:, None, :, None] ** np.arange(SMOOTH_DEGREE + 1)
+    pole, shown = np.zeros(middle.size, dtype=complex), np.ones(middle.size, dtype=bool)
+    away = np.ones_like(x)
     for _ in range(4):
-        weight = 1 / (sigma * (1.0 if np.isinf(pole) else np.abs(x - pole)))
-        q = np.linalg.qr(powers * weight[:, :, None])[0]
+        weight = 1 / (sigma * away[:, None])
+        q = np.linalg.qr(powers * weight[..., None])[0]
         # what is left of H and of x H beside the quadratics
-        both = np.stack([response * weight, response * weight * x], axis=2)
-        both -= q @ (q.swapaxes(1, 2) @ both)
-        top, bottom = np.vdot(both[:, :, 0], both[:, :, 1]), np.vdot(both[:, :, 0], both[:, :, 0])
-        if abs(bottom) < response.size:  # what is not smooth of the responses is their noise
-            return complex(np.nan, np.nan)
-        pole = complex(top / bottom)
-    return middle + half * pole if pole.imag > 0 else complex(np.nan, np.nan)
+        both = np.stack([response * weight, response * weight * x[:, None]], axis=-1)
+        both -= q @ (q.swapaxes(-1, -2) @ both)
+        top, bottom = (np.einsum("wcn,wcn->w", both[..., 0].conj(), both[..., k]) for k in (1, 0))
+        shown &= np.abs(bottom) >= response[0].size  # else what is not smooth of the responses is their noise
+        pole = np.divide(top, bottom, out=pole, where=shown)
+        away = np.where(shown[:, None], np.abs(x - pole[:, None]), 1.0)
+    return np.where(shown & (pole.imag > 0), middle + half * pole, complex(np.nan, np.nan))
 
 
 def tile(count: int, solve: Callable[[int, int], LocalFit]) -> list[LocalFit]:

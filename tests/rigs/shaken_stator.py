@@ -45,7 +45,7 @@ def shaken(
         np.hstack([np.eye(2), np.zeros((2, 2))]),
         np.zeros((2, 2)),
     )
-    fine = 8  # steps of the integration between two samples
+    fine = 4  # steps of the integration between two samples
     t = np.arange(int(duration * RATE * fine)) / (RATE * fine)
     rng, paths = np.random.default_rng(seed), []
     for axis in (0, 1):
