@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
+from functools import cache
 from importlib import import_module
 from inspect import isabstract
 from typing import Any
@@ -147,8 +148,13 @@ def _decode_distribution(value: Mapping[str, Any]) -> Any:
 
 def _home(name: Any) -> Any:
     """The class of a name in one of the homes, None if there is none."""
+    return _class_of(name) if isinstance(name, str) else None
+
+
+@cache
+def _class_of(name: str) -> Any:
     for module in _HOMES:
-        found = getattr(import_module(module), name, None) if isinstance(name, str) else None
+        found = getattr(import_module(module), name, None)
         if isinstance(found, type) and (is_dataclass(found) or issubclass(found, RotorModel)):
             return found
     return None
@@ -229,7 +235,7 @@ def _is_one(value: Any, annotation: str) -> bool:
     if name == "tuple" and not rest:
         return isinstance(value, tuple)
     if name == "tuple":
-        kinds = [inside[0]] * len(value) if inside[-1] == "..." and isinstance(value, tuple) else inside
+        kinds = (inside[0],) * len(value) if inside[-1] == "..." and isinstance(value, tuple) else inside
         return isinstance(value, tuple) and len(value) == len(kinds) and all(map(_is_of, value, kinds))
     if name == "Mapping":
         return isinstance(value, Mapping) and all(
@@ -239,7 +245,8 @@ def _is_one(value: Any, annotation: str) -> bool:
     return kind is None or isinstance(value, kind)
 
 
-def _parts(annotation: str, mark: str) -> list[str]:
+@cache
+def _parts(annotation: str, mark: str) -> tuple[str, ...]:
     """Pieces of an annotation between marks that stand in no brackets."""
     found, depth = [""], 0
     for letter in annotation:
@@ -248,7 +255,7 @@ def _parts(annotation: str, mark: str) -> list[str]:
             found.append("")
         else:
             found[-1] += letter
-    return [piece.strip() for piece in found]
+    return tuple(piece.strip() for piece in found)
 
 
 def _decode_model(value: Mapping[str, Any]) -> RotorModel:
