@@ -193,7 +193,7 @@ def family(home: str, name: str) -> tuple[str, ...]:
     """The files of the kinds of experiment, block or model that a name stands for: none if it is no kind."""
     home, node = defined(home, name)
     if isinstance(node, ast.ClassDef):
-        if (home, node.name) in ROOTS:
+        if (home, node.name) in roots():
             return (home,)
         names = [part.id for base in node.bases for part in ast.walk(base) if isinstance(part, ast.Name)]
         return (home,) if any(family(home, base) for base in names) else ()
@@ -204,6 +204,7 @@ def family(home: str, name: str) -> tuple[str, ...]:
     return ()
 
 
+@cache
 def roots() -> frozenset[tuple[str, str]]:
     """The classes that all kinds come from."""
     blocks = f"{FRONT}.estimators.blocks."
@@ -217,9 +218,6 @@ def roots() -> frozenset[tuple[str, str]]:
     lab = f"{FRONT}.lab."
     first = next(kind for kind in reversed(rf.PerturbationTest.__mro__) if kind.__module__.startswith(lab))
     return frozenset({(first.__module__, first.__name__), (rf.models.RotorModel.__module__, "RotorModel"), *found})
-
-
-ROOTS = roots()
 
 
 def asked(node: ast.AST) -> list[ast.AST]:

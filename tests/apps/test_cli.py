@@ -132,17 +132,19 @@ def test_high_redchi_suggests_refining(run: Run) -> None:
     assert "--refine" not in run(*FIT)[1]  # causes beside the chain explain what it misses
 
 
-def test_options_reach_the_fit(run: Run) -> None:
+def test_options_reach_the_fit(run: Run, tmp_path: Path) -> None:
     """Each option changes what the library is asked for, compared number by number with the same call in Python."""
     words = (
         "--per D=speed_rpm --bounds lam=0.2:0.6,Mf=:1 --loss huber --start D=400 --phase-offsets --two-lam "
         "--prior sigma=1:0.05 --blocks coupling_mass --known K3=6000,Md=0.9 --bounds lam_D=0:1"
     ).replace("lam=0.2:0.6,", "")
-    code, out, _ = run("fit", RIG, "--model", "whirl-whip", *words.split(), "--json")
+    few = thinned(rf.datasets.rig_open(), 4)
+    rf.write(few, tmp_path / "few.csv")
+    code, out, _ = run("fit", tmp_path / "few.csv", "--model", "whirl-whip", *words.split(), "--json")
     from scipy.stats import norm
 
     fit = rf.fit(
-        rf.models.WhirlWhip(blocks=("coupling_mass",), two_lam=True), rf.datasets.rig_open(),
+        rf.models.WhirlWhip(blocks=("coupling_mass",), two_lam=True), rf.read(tmp_path / "few.csv"),
         known={"K3": 6000.0, "Md": 0.9}, per={"D": "speed_rpm"}, loss="huber", start={"D": 400.0}, phase_offsets=True,
         bounds={"Mf": (-np.inf, 1.0), "lam_D": (0.0, 1.0)}, priors={"sigma": norm(1.0, 0.05)},
     )  # fmt: skip

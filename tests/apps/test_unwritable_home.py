@@ -22,7 +22,9 @@ FIT = "fit rig.csv --model whirl-whip --known K3=6000 --quiet --no-figures --sam
     [
         (FIT, "/dev/null/x"),
         pytest.param(FIT, None, marks=pytest.mark.slow),
-        ("watch inbox --study study.toml --store watched.db --once --settle 0", "/dev/null/x"),
+        pytest.param(
+            "watch inbox --study study.toml --store watched.db --once --settle 0", "/dev/null/x", marks=pytest.mark.slow
+        ),
         ("look volts.h5 --out out", "/dev/null/x"),
         ("open --port 99999", None),
     ],

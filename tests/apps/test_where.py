@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from html import unescape
 from pathlib import Path
 
@@ -23,21 +24,36 @@ def span(path: Path) -> tuple[float, float]:
     return hz.min(), hz.max()
 
 
+@pytest.fixture(scope="module")
+def reduced(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with recordings, their vectors, and those between two frequencies."""
+    folder = tmp_path_factory.mktemp("reduced")
+    (folder / "rig.toml").write_text(SETUP)
+    paths = [str(path) for path in shaken(folder, rpm=3000.0, band_hz=(40.0, 200.0), duration=4.0)]
+    for name, more in (("kept.csv", ["--where", HZ]), ("full.csv", [])):
+        words = ["vectors", *paths, "--setup", str(folder / "rig.toml"), "--out", str(folder / name), "--quiet"]
+        assert main([*words, *more]) == 0
+    return folder
+
+
 @pytest.mark.parametrize(
     ("command", "more"),
     [("info", []), ("join", ["--out", "some.csv"]), ("fit", ["--model", "anisotropic", "--planes", "stator"])],
 )
 def test_vectors_are_chosen(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], command: str, more: list[str]
+    tmp_path: Path,
+    reduced: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    command: str,
+    more: list[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    Path("rig.toml").write_text(SETUP)
-    shaken(tmp_path, rpm=3000.0, band_hz=(40.0, 200.0), duration=4.0)
+    for file in reduced.iterdir():
+        shutil.copy2(file, tmp_path)
     volts = ["wet-3000-shaken-x.h5", "wet-3000-shaken-y.h5", "--setup", "rig.toml"]
-    assert main(["vectors", *volts, "--where", HZ, "--out", "kept.csv", "--quiet"]) == 0
     low, high = span(Path("kept.csv"))
     assert 80 <= low < high <= 120
-    assert main(["vectors", *volts, "--out", "full.csv", "--quiet"]) == 0
     capsys.readouterr()
     said = []
     for files in (["full.csv", "--where", HZ], ["kept.csv"]):

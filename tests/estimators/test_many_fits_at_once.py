@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import sys
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 from batch_checks import check
 from scipy import stats
+from slow_cases import slow_but
 
 from rotorfit.estimators.minimisation.batch import batch_fit, with_measured
 from rotorfit.estimators.minimisation.least_squares import minimise
@@ -46,7 +48,8 @@ def make():
     ("name", "accelerate"),
     [
         *((name, False) for name in ("one-mode", "whirl-whip", "two-disk", "overhung", "anisotropic", "chain")),
-        *((name, True) for name in ("whirl-whip", "anisotropic", "chain")),
+        ("whirl-whip", True),
+        *(pytest.param(name, True, marks=pytest.mark.slow) for name in ("anisotropic", "chain")),
     ],
 )
 def test_misfit_and_gradient_are_those_of_one_at_a_time(make, name, accelerate):
@@ -68,8 +71,10 @@ def test_misses_are_those_of_one_at_a_time(make, name, accelerate):
     np.testing.assert_allclose(found @ batch.in_channels(columns.T).T, products, rtol=1e-9)
 
 
-@pytest.mark.parametrize("accelerate", [False, True])
-@pytest.mark.parametrize("loss", LOSSES)
+@pytest.mark.parametrize(
+    ("loss", "accelerate"),
+    slow_but(product(LOSSES, (False, True)), *product(LOSSES, (False,)), ("linear", True), ("cauchy", True)),
+)
 def test_robust_losses(make, loss, accelerate):
     problem, truth = make("one-mode")
     problem = replace(problem, loss=loss)

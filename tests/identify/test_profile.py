@@ -207,7 +207,7 @@ def test_the_curve_holds_the_others_at_their_best():
 
 def test_profiles_found_together_are_those_found_one_by_one():
     fit = rf.fit(WhirlWhip(), rf.datasets.rig_open(), known={"K3": 6000.0})
-    names = (*fit.var_names, "threshold_speed")
+    names = (*fit.var_names[::3], "threshold_speed")
     together = fit.profiles(names)
     assert [found.name for found in fit.profiles(points=3)] == list(fit.var_names)
     for name, found in zip(names, together, strict=True):

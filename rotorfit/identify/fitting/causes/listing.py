@@ -149,8 +149,9 @@ class _Rig:
     def turning(self) -> bool:
         """True for rotors in z = x + jy, whose causes act on the rotor too. Loads and off-centre motion of a rotor with
         a law have no columns of those: beside them the orbits would tell what both hold."""
-        free = sum(block.speed_read is not None for block in self.problem.blocks)
-        alone = not self.model.eccentricity_dependent or len(self.circular) + free == len(self.problem.blocks)
+        alone = not self.model.eccentricity_dependent or len(self.problem.blocks) == len(self.circular) + sum(
+            block.speed_read is not None for block in self.problem.blocks
+        )
         return (
             self.model.frame == "z"
             and all(c.axis == "z" for c in self.model.coordinates)
