@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from drawn import faults_of, points_of
 from plain import plain_fit
 from seal_rig import FLUID, floating_stator, matrices
 from sentences import refuses
@@ -129,7 +130,7 @@ def test_a_table_over_speeds_as_csv_and_figure(tmp_path: Path, fit: rf.FitResult
     assert back["Kxy"].tolist() == pytest.approx([found.params[f"Kxy[speed_rpm={r}]"].value for r in (1500, 3000)])
     assert (back["Mxx_stderr"] == 0).all()
     assert [line.split()[0] for line in str(table).splitlines()][1:3] == ["Kxx", "Kxy"]
-    assert len(found.plot.coefficients().axes) == 2
+    assert len(found.plot.coefficients().axes) == 5  # K, k, C, c and the ratio; no inertia
     with refuses(ValueError):
         found.coefficients(2000 * RPM)
     with refuses(ValueError):
@@ -146,7 +147,7 @@ def test_models_without_fluid_are_refused_in_words() -> None:
 
 
 @pytest.mark.parametrize("by", ["speed_rpm", "meant_rpm"])
-def test_several_pressures_are_conditions_and_lines_of_their_own(by: str) -> None:
+def test_several_pressures_are_conditions_and_lines_of_their_own(by: str, tmp_path: Path) -> None:
     names = [k + i + j for k in "KD" for i in "xy" for j in "xy"]
     rig = {"speeds_rpm": [1500.0, 3000.0], "mass": 0.0, "force_noise": 0.6, "force_sigma": 0.6}
     tables = [floating_stator(**rig, seed=bar).assign(pressure_bar=bar) for bar in (2, 5)]  # type: ignore[arg-type]
@@ -157,10 +158,24 @@ def test_several_pressures_are_conditions_and_lines_of_their_own(by: str) -> Non
     fit = plain_fit(rf.models.Anisotropic(("stator",)), test, known=known, per=per)
     conditions = [f"pressure_bar={bar}, {rpm} rpm" for bar in (2, 5) for rpm in (1500, 3000)]
     assert [row.condition for row in fit.coefficient_table().rows] == conditions
-    curves = [container.lines[0] for container in fit.plot.coefficients().axes[0].containers]
-    assert [np.round(curve.get_xdata(), 6).tolist() for curve in curves] == [
-        [1500.0, 3000.0]
-    ] * 8  # 4 entries at 2 pressures
+    figure = fit.plot.coefficients()
+    (first, *_) = figure.axes
+    curves = [container.lines[0] for container in first.containers]
+    assert [np.round(curve.get_xdata(), -2).tolist() for curve in curves] == [[1500.0, 3000.0]] * 4
+    assert {"pressure 2 bar", "pressure 5 bar"} == {text.get_text() for text in first.texts}
+    drawn = {tuple(np.round(curve.get_ydata(), 6)) for curve in curves}
+    table = fit.coefficient_table().rows
+    assert drawn == {
+        tuple(np.round([row[name].value / 1e6 for row in table if f"bar={bar}," in row.condition], 6))
+        for bar in (2, 5)
+        for name in ("Kxx", "Kyy")
+    }
+    assert faults_of(figure) == []
+    page = rf.write_report(fit, tmp_path / "a.html", figure_format="none").read_text(encoding="utf-8")
+    assert page.index('id="coefficients"') < page.index('id="parameters"')
+    assert all(f"<td>{condition}</td>" in page for condition in conditions)
+    crossed = fit.plot.dynamic_stiffness().axes[2]  # stator.x by stator.y alone: its mirror image has the other sign
+    assert points_of(crossed)[:, 1].min() > 0
 
 
 def test_a_summary_of_six_conditions_fits_on_a_screen() -> None:

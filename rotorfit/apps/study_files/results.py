@@ -85,10 +85,6 @@ def _draw(
 
     best = outcome.best
     progress("drawing the report")
-    if of_a_rig(best) and figure_format != "none":
-        best.plot.coefficients().savefig(folder / f"coefficients.{figure_format}")
-        if _of_frequency(best):
-            best.plot.frequency_coefficients().savefig(folder / f"frequency_coefficients.{figure_format}")
     write_report(
         best,
         folder / "report.html",

@@ -15,7 +15,7 @@ from rotorfit.base.digits import interval, plus_minus, significant, with_error
 from rotorfit.base.text_table import text_table
 from rotorfit.base.units import RPM_PER_RAD_S, shown_units
 from rotorfit.identify.fitting.result import FitResult
-from rotorfit.identify.fitting.structure.coefficients import lines_by_condition
+from rotorfit.identify.fitting.structure.coefficients import of_a_rig
 from rotorfit.identify.fitting.summary import fit_table
 from rotorfit.lab.data.findings import Finding
 from rotorfit.lab.data.rows import Experiment, short_source
@@ -29,7 +29,7 @@ def summary(outcome: Outcome, rig: str = "") -> str:
     parts.append("\n".join(map(describe_test, outcome.experiments, outcome.findings)))
     if isinstance(outcome.closed, str):
         parts.append(f"no closed form: {outcome.closed}")
-    elif not lines_by_condition(outcome.fit):
+    elif not of_a_rig(outcome.fit):  # whose coefficients stand above
         parts.append(_comparison(outcome.closed, outcome.fit))
     if outcome.ranking is not None:
         parts.append(f"laws of eccentricity\n{outcome.ranking}")

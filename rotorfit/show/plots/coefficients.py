@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from itertools import cycle
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from rotorfit.base.significance import CHANCE_ERRORS
+from rotorfit.identify.fitting.quantities import Quantity
 from rotorfit.identify.fitting.structure.coefficients import (
     ENTRIES,
     UNITS,
@@ -17,53 +18,113 @@ from rotorfit.identify.fitting.structure.coefficients import (
     Coefficients,
     FrequencyRows,
 )
-from rotorfit.models.coefficient_tables import COEFFICIENTS
 from rotorfit.show.plots.style import (
     GREY,
     HALF,
     MARKERS,
+    PAGE,
     Sheet,
     colour_of,
     draw_curve,
     end_labels,
+    few_ticks,
     legend_below,
     literal,
     on_sheet,
+    panel_title,
     prefix,
 )
-
-_MARKERS = "os^Dv<>P"
 
 
 @on_sheet
 def coefficients(table: CoefficientRows, *, sheet: Sheet) -> Figure:
-    """Stiffness, damping and inertia in x and y against speed, error bars of 95 %; a marker a condition."""
-    kinds = [kind for kind in "KCM" if any(_there(table, name) for name in COEFFICIENTS if name[0] == kind)]
-    figure, axes = sheet.grid(len(kinds), 1, f"Coefficients at {table.rows[0].plane}", size=(6.5, 2.6))
+    """Direct and cross-coupled stiffness, damping and inertia and the whirl frequency ratio against speed, a line a
+    condition, with error bars of 95 %; coefficients along y and by motion along x are open and dashed."""
+    panels = [panel for panel in _PANELS if any(_there(table, name) for name in panel.entries)]
+    drawn = [*panels, *([None] if any(np.isfinite(row.whirl_frequency_ratio.value) for row in table.rows) else [])]
+    title, columns = f"Coefficients at {literal(table.rows[0].plane)}", min(len(drawn), 3)
+    rows = -(-len(drawn) // columns)
+    figure, axes = sheet.grid(rows, columns, title, size=(PAGE[0] / max(columns, 2), 2.2), reads=(_READS,))
+    series = _series(table)
+    for axis in axes.flat[len(drawn) :]:
+        axis.remove()
+    for panel, axis in zip(drawn, axes.flat, strict=False):
+        if panel is None:
+            panel_title(axis, "whirl frequency ratio")
+            ends = _draw_series(sheet, axis, series, lambda row: row.whirl_frequency_ratio, 1.0)
+        else:
+            every = [abs(row[name].value) for row in table.rows for name in panel.entries]
+            factor, unit = prefix(np.array(every), UNITS[panel.kind])
+            panel_title(axis, f"{panel.words}, {unit}")
+            first, second = panel.entries
+            ends = _draw_series(sheet, axis, series, _entry(first), factor)
+            if _there(table, second):
+                _draw_series(sheet, axis, series, _entry(second), panel.sign * factor, hollow=True)
+            low, high = axis.get_ylim()
+            axis.set_ylim(min(low, 0.0), max(high, 0.0))
+        few_ticks(axis.xaxis, 3)
+        axis.set_xlim(axis.get_xlim())
+        end_labels(axis, ends if len(series) > 1 else [])
+        axis.set_xlabel(f"shaft speed, {sheet.rate_unit}")
+    return figure
+
+
+class _Panel(NamedTuple):
+    """Two coefficients that a round seal has alike, the second with a sign."""
+
+    kind: str
+    entries: tuple[str, str]
+    sign: float
+    words: str
+
+
+_PANELS = tuple(
+    panel
+    for kind, what in (("K", "stiffness"), ("C", "damping"), ("M", "inertia"))
+    for panel in (
+        _Panel(kind, (f"{kind}xx", f"{kind}yy"), 1.0, f"{kind}xx, {kind}yy  {what}"),
+        _Panel(kind, (f"{kind}xy", f"{kind}yx"), -1.0, f"{kind}xy, −{kind}yx  {what}"),
+    )
+)
+_READS = "Filled: the first coefficient named, open and dashed: the second. Bars: 95 % of the whole error."
+
+
+def _entry(name: str) -> Callable[[Coefficients], Quantity]:
+    return lambda row: row[name]
+
+
+def _series(table: CoefficientRows) -> dict[str, list[Coefficients]]:
+    """Rows over speed by their other conditions."""
     series: dict[str, list[Coefficients]] = {}
     for row in sorted(table.rows, key=lambda row: row.speed):
         series.setdefault(_with_units(row.condition.rpartition(", ")[0]), []).append(row)
-    for axis, kind in zip(axes[:, 0], kinds, strict=True):
-        names = [name for name in COEFFICIENTS if name[0] == kind and _there(table, name)]
-        factor, unit = prefix(np.abs([[row[name].value for row in table.rows] for name in names]), UNITS[kind])
-        for name in names:
-            entry = ("xx", "xy", "yx", "yy").index(name[1:])
-            look = {"color": colour_of(entry, 4), "ls": ("-", "--", ":", "-.")[entry], "ms": 3, "lw": 1, "capsize": 2}
-            for marker, rows in zip(cycle(_MARKERS), series.values(), strict=False):
-                speed = np.array([row.speed for row in rows]) * sheet.per_rad_s
-                values = factor * np.array([row[name].value for row in rows])
-                error = factor * CHANCE_ERRORS * np.array([row[name].stderr for row in rows])
-                shown = np.where(np.isfinite(error), error, 0.0)
-                axis.errorbar(speed, values, shown, marker=marker, **look)
-        axis.set_ylabel(f"{kind}, {unit}")
-    axes[-1, 0].set_xlabel(f"rotative speed, {sheet.rate_unit}")
-    names = [name[1:] for name in COEFFICIENTS if name[0] == kinds[0] and _there(table, name)]
-    entries: dict[str, Any] = dict(zip(names, axes[0, 0].containers[:: len(series)], strict=True))
-    if len(series) > 1:
-        looks = ({"color": GREY, "marker": m, "ls": "", "ms": 4} for m in cycle(_MARKERS))
-        entries |= dict(zip(series, looks, strict=False))
-    legend_below(figure, entries)
-    return figure
+    return series
+
+
+def _draw_series(
+    sheet: Sheet,
+    axis: Any,
+    series: Mapping[str, Sequence[Coefficients]],
+    value: Callable[[Coefficients], Quantity],
+    factor: float,
+    *,
+    hollow: bool = False,
+) -> list[tuple[str, float, str]]:
+    """A quantity over speed, a line a condition, points of one speed apart; names of the lines at their ends."""
+    ends = []
+    apart = 0.012 * max((row.speed for rows in series.values() for row in rows), default=0.0) * sheet.per_rad_s
+    for number, (name, rows) in enumerate(series.items()):
+        known = [row for row in rows if np.isfinite(value(row).value)]
+        if not known:
+            continue
+        colour, marker = colour_of(number, len(series)), MARKERS[number % len(MARKERS)]
+        x = np.array([row.speed for row in known]) * sheet.per_rad_s + apart * (number - (len(series) - 1) / 2)
+        y = factor * np.array([value(row).value for row in known])
+        reach = np.abs(factor) * CHANCE_ERRORS * np.array([value(row).stderr for row in known])
+        look = {"ls": "--" if hollow else "-", "mfc": "white" if hollow else colour, "lw": 1.0, "elinewidth": 1.0}
+        axis.errorbar(x, y, np.where(np.isfinite(reach), reach, 0.0), marker=marker, color=colour, ms=3.5, **look)
+        ends.append((literal(name), float(y[-1]), colour))
+    return ends
 
 
 def _with_units(condition: str) -> str:
@@ -80,22 +141,8 @@ def whirl_ratio(table: CoefficientRows, *, sheet: Sheet) -> Figure:
     """Whirl frequency ratio against speed with its 95 % errors, a colour and marker a condition; half is the usual."""
     figure, ((axis,),) = sheet.grid(1, 1, "", size=HALF)
     axis.set_title("Whirl frequency ratio")
-    series: dict[str, list[Coefficients]] = {}
-    for row in sorted(table.rows, key=lambda row: row.speed):
-        series.setdefault(_with_units(row.condition.rpartition(", ")[0]), []).append(row)
-    labels, apart = [], 0.012 * max(row.speed for row in table.rows) * sheet.per_rad_s
-    for number, (name, rows) in enumerate(series.items()):
-        found = [(row.speed, row.whirl_frequency_ratio) for row in rows]
-        known = [(speed, q) for speed, q in found if np.isfinite([q.value, q.stderr]).all()]
-        if not known:
-            continue
-        x = np.array([speed for speed, _ in known]) * sheet.per_rad_s + apart * (number - (len(series) - 1) / 2)
-        ends = np.array([q.interval(0.95) for _, q in known])
-        y = np.array([q.value for _, q in known])
-        colour = colour_of(number, len(series))
-        axis.vlines(x, *ends.T, color=colour, lw=1.2)
-        axis.plot(x, y, MARKERS[number % len(MARKERS)], color=colour, ms=4.5)
-        labels.append((literal(name), float(y[-1]), colour))
+    series = _series(table)
+    labels = _draw_series(sheet, axis, series, lambda row: row.whirl_frequency_ratio, 1.0)
     low, high = axis.get_ylim()
     axis.set_ylim(min(low, 0.44), max(high, 0.54))
     axis.axhline(0.5, color=GREY, lw=0.9, ls=(0, (6, 2)), zorder=1)

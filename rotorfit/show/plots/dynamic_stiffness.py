@@ -297,7 +297,8 @@ def _entry(
 ) -> None:
     lines = [_lines(fit, s, row, column, full) for s in shown]
     every = [line for several in lines for line in several]
-    mirrored = len(fit.model.coordinates) == 2 and row != column and pair[0] is not pair[1]
+    symmetric = fit.model.frame == "z" and len(fit.model.coordinates) == 2  # in x and y the couplings differ
+    mirrored = symmetric and row != column and pair[0] is not pair[1]
     wanted = {(row, column), (column, row)} if mirrored else {(row, column)}
     points = [[p for p in s.points if (p.row, p.column) in wanted] for s in shown]
     values = [np.abs(np.r_[k.kappa.real, k.kappa.imag]) for k in every]
@@ -332,7 +333,7 @@ def _entry(
         if left_out[number]:
             style.above(axis, f"{left_out[number]} of {count} points not drawn")
         _name_lines(sheet, axis, shown, lines, factor, (np.real, np.imag)[number], against, squared=number == 0)
-    if full and not fit.model.eccentricity_dependent:
+    if full and not fit.model.eccentricity_dependent and len(shown) <= _NAMED:
         _readings(sheet, fit, shown, pair, row, column, against)
 
 

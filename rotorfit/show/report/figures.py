@@ -16,12 +16,13 @@ from rotorfit.base.digits import significant
 from rotorfit.base.units import RPM_PER_RAD_S, shown_units
 from rotorfit.identify.fitting.headline import leads_of
 from rotorfit.identify.fitting.result import FitResult
+from rotorfit.identify.fitting.structure.coefficients import measured_by_frequency, of_a_rig
 from rotorfit.identify.fitting.structure.modes import own_modes
 from rotorfit.identify.uncertainty.posterior import Posterior
 from rotorfit.show.plots.figure_table import figures_of
 from rotorfit.show.report.html import Html, element, join, paragraph, picture, table
 from rotorfit.show.report.material import ReportInput
-from rotorfit.show.report.numbers import plain, with_error
+from rotorfit.show.report.numbers import plain, typeset, with_error
 from rotorfit.show.report.parts import at_of, groups_of, note, section, sentence, symbol
 
 if TYPE_CHECKING:
@@ -35,8 +36,11 @@ _SAYS_ITSELF = ("dynamic_stiffness", "bode", "polar", "residuals")
 def figure_sections(material: ReportInput) -> list[Html]:
     """Stability, then the figures of the data, how well they are fitted, profiles, the posterior."""
     fit = material.fit
-    found = [section("Stability", *_stability(material))] if "coefficients" not in leads_of(fit) else []
+    of_seal = "coefficients" in leads_of(fit)
+    found = [section("Stability", *_stability(material))] if not of_seal else []
     for figure in figures_of(fit) if material.figure_format != "none" else ():
+        if of_seal and figure.name == "polar":  # of a stator with its rods, which says nothing of the seal
+            continue
         words = figure.caption
         if fit.settings.solved is not None and "Points: measured" in words:
             words += " What causes beside the model were found to add is taken out of the points."
@@ -55,6 +59,29 @@ def figure_sections(material: ReportInput) -> list[Html]:
     if material.posterior is not None:
         found.append(section("Posterior", *_posterior(material, material.posterior)))
     return found
+
+
+def coefficient_section(material: ReportInput) -> Html:
+    """Of a seal or bearing alone its coefficients by condition, over speed, and as measured over frequency."""
+    fit = material.fit
+    found = fit.coefficient_table() if fit.success and of_a_rig(fit) else None
+    if found is None or not found.rows:
+        return Html("")
+    tables = [
+        table(head, [[own[0], *map(_set_apart, own[1:])] for own in rows], numeric=range(1, len(head)))
+        for head, *rows in found.by_condition([row.condition for row in found.rows])
+    ]
+    words = "Coefficients against speed, a line a condition, with 95 % errors."
+    figures = [embedded(material, "coefficients", fit.plot.coefficients, words, caption="")]
+    if fit.model.frame != "z" and measured_by_frequency(fit):
+        words = "Stiffness K − w² M and damping C along x and y against frequency, as measured and as fitted."
+        figures.append(embedded(material, "frequency_coefficients", fit.plot.frequency_coefficients, words))
+    return section("Coefficients", *tables, *figures)
+
+
+def _set_apart(cell: str) -> str:
+    """A printed value with its error as a page sets them; words as they are."""
+    return " ± ".join(map(typeset, cell.split(" +- "))) if " +- " in cell else cell
 
 
 def embedded(

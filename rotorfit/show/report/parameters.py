@@ -9,6 +9,7 @@ from rotorfit.base.digits import significant
 from rotorfit.base.significance import quantile
 from rotorfit.base.units import RPM_PER_RAD_S
 from rotorfit.estimators.inference.identifiability import Combination
+from rotorfit.identify.fitting.headline import leads_of
 from rotorfit.identify.fitting.noise.residual_study import VERDICTS
 from rotorfit.identify.fitting.notices import notices_of
 from rotorfit.identify.fitting.quantities import THRESHOLD, FittedParameter
@@ -66,7 +67,8 @@ def parameter_section(material: ReportInput) -> Html:
 
     more = f"{len(corrections)} corrections of the structure"
     folded = [element("details", element("summary", more), listed(True))] if corrections else []
-    return parts.section("Parameters", listed(False), *folded, parts.note(*notes))
+    of_seal = "coefficients" in leads_of(fit)  # whose coefficients stand above, by condition
+    return parts.section("Parameters", listed(False), *folded, parts.note(*notes), folded=of_seal)
 
 
 def _row(p: FittedParameter, model: RotorModel, start: str) -> list[str]:

@@ -159,7 +159,7 @@ def document(material: ReportInput, title: str) -> Html:
     """The whole page."""
     from rotorfit.show.report.budget import budget_section, causes_section
     from rotorfit.show.report.data_and_model import data_section, model_section, refinement_section
-    from rotorfit.show.report.figures import figure_sections
+    from rotorfit.show.report.figures import coefficient_section, figure_sections
     from rotorfit.show.report.interactive import interactive_section
     from rotorfit.show.report.parameters import identifiability_section, interval_section, parameter_section
     from rotorfit.show.report.recorded import recordings_section
@@ -170,6 +170,7 @@ def document(material: ReportInput, title: str) -> Html:
     sections = [
         verdict_section(material),
         notes_section(material),
+        coefficient_section(material),
         parameter_section(material),
         budget_section(material),
         causes_section(material),

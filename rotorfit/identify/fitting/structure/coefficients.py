@@ -184,8 +184,9 @@ class CoefficientRows(ByValue, Tabled, Tabulated):
         own = {"speed": [row.speed for row in self.rows], **entries, "condition": [row.condition for row in self.rows]}
         return DataFrame({**own, "plane": [row.plane for row in self.rows]})
 
-    def by_condition(self, conditions: Sequence[str]) -> list[str]:
-        """Stiffness, damping and inertia, a line a condition, and the whirl frequency ratio where there is most room.
+    def by_condition(self, conditions: Sequence[str]) -> list[list[list[str]]]:
+        """Tables of stiffness, damping and inertia, a line a condition, and the whirl frequency ratio where there is
+        most room.
 
         Args:
             conditions: their names, one a row.
@@ -203,7 +204,7 @@ class CoefficientRows(ByValue, Tabled, Tabulated):
         narrowest = min(parts, key=lambda table: max(sum(map(len, cells)) for cells in table))
         for cells, ratio in zip(narrowest, ratios, strict=True):
             cells.append(ratio)
-        return [line for table in parts for line in text_table(table, "<10" + " >14" * (len(table[0]) - 1))]
+        return parts
 
     def parts(self) -> list[str | Table]:
         """What is printed: one column a speed."""
@@ -364,8 +365,12 @@ def lines_by_condition(fit: FitResult) -> list[str]:
     labels = [fit.problem.space.labels[row.group] for row in found.rows]
     heads = {own[0].partition("=")[0] for own in labels if own}
     if len(heads) != 1 or {len(own) for own in labels} != {1}:
-        return found.by_condition([row.condition for row in found.rows])
-    return [f"by {heads.pop()}", *found.by_condition([own[0].partition("=")[2] for own in labels])]
+        return _lines(found.by_condition([row.condition for row in found.rows]))
+    return [f"by {heads.pop()}", *_lines(found.by_condition([own[0].partition("=")[2] for own in labels]))]
+
+
+def _lines(tables: Sequence[Sequence[Sequence[str]]]) -> list[str]:
+    return [line for table in tables for line in text_table(table, "<10" + " >14" * (len(table[0]) - 1))]
 
 
 # ---- frequency by frequency ------------------------------------------------------------------------------------------
