@@ -130,6 +130,8 @@ def test_a_probe_that_one_trial_run_lacks_keeps_what_is_known_of_it() -> None:
     probes = np.array([" ".join(reading) for reading in found.readings])
     assert set(probes[~there]) == {"fwd y"}
     assert any("NOT CONTROLLED" in remark and "fwd y at 3600 rpm" in remark for remark in found.remarks)
+    assert "fwd y" not in found.verdict.partition("is expected")[0]  # of which nothing says what it becomes
+    assert found.verdict.endswith("What becomes of fwd y at 2865 rpm, fwd y at 3600 rpm is open.")
     level = {
         tuple(cell): value for cell, value in zip(zip(probes, found.speed, strict=True), found.before, strict=True)
     }

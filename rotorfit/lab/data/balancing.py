@@ -95,14 +95,20 @@ class Balance(ByValue, Printed):
 
     @property
     def verdict(self) -> str:
-        """The largest vibration without and with the weights, in a sentence; empty where no run tells what they do."""
-        if not np.isfinite(self.expected).any():
+        """The largest vibration without and with the weights, of readings of which runs tell what the weights do;
+        empty where there are none."""
+        known = np.isfinite(self.expected)
+        if not known.any():
             return ""
-        before, after = int(np.argmax(np.abs(self.before))), int(np.nanargmax(np.abs(self.expected)))
+        before = int(np.argmax(np.where(known, np.abs(self.before), -1.0)))
+        after = int(np.nanargmax(np.abs(self.expected)))
+        missing = (
+            "" if known.all() else f" What becomes of {', '.join(map(self._probe, np.flatnonzero(~known)))} is open."
+        )
         left = " ".join(told(abs(self.expected[after]) * 1e6, self.reaches[after] * 1e6))
         return (
             f"The largest vibration, {significant(abs(self.before[before]) * 1e6, 3)} um 0-pk ({self._probe(before)}), "
-            f"is expected to become {left} um 0-pk ({self._probe(after)})."
+            f"is expected to become {left} um 0-pk ({self._probe(after)}).{missing}"
         )
 
     @property
