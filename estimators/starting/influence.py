@@ -310,11 +310,13 @@ def modes_seen(influence: Influence) -> ModesSeen | None:
 
 def _poles(low: ComplexArray, high: ComplexArray, w1: float, w2: float, rank: int) -> Float:
     """Squares of the natural frequencies from influences at two speeds, largest growth first, NaN where none fits."""
+    from scipy.linalg import eigvals  # late: loading it takes longer than the influences
+
     left = np.linalg.svd(np.hstack([low, high]))[0][:, :rank].conj().T
     right = np.linalg.svd(np.vstack([low, high]))[2][:rank].conj().T
-    growth = np.linalg.eigvals(np.linalg.solve(left @ low @ right, left @ high @ right))
-    q = np.sort(growth.real)[::-1] * (w1 / w2) ** 2  # (wn^2 - w1^2)/(wn^2 - w2^2) without damping
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"):  # nothing moves at a speed whose slow roll was taken out: growth without end
+        growth = eigvals(left @ high @ right, left @ low @ right)
+        q = np.sort(growth.real)[::-1] * (w1 / w2) ** 2  # (wn^2 - w1^2)/(wn^2 - w2^2) without damping
         square = (q * w2**2 - w1**2) / (q - 1)
     return np.where(np.isfinite(square) & (square > 0), square, np.nan)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from sentences import refuses
 import rotorfit as rf
 from rotorfit.base.significance import quantile
 from rotorfit.lab.data.probes import subtract_measured_slow_roll
+from rotorfit.lab.data.synchronous import join
 
 
 @pytest.mark.parametrize("draws", [60, pytest.param(500, marks=pytest.mark.slow)])
@@ -214,6 +216,21 @@ def test_run_out_is_read_at_rest_and_its_error_is_in_the_band() -> None:
             off = (found.expected - truth) / found.stderr
             inside += [*(np.abs(off.real) < 1.96), *(np.abs(off.imag) < 1.96)]
     assert np.mean(inside) > 0.9  # as for run-ups without run-out
+
+
+def test_a_slow_roll_read_once_is_taken_out_and_left_out() -> None:
+    """It is no reading of zero beside others, and no speed at which weights would have to do something."""
+    rng = np.random.default_rng(8)
+    residual, influence = random_rig(rng)
+    whole = runs(rng, residual, influence, given=True)
+    fast = whole.select(whole.speed == whole.speed.max())
+    run_out = 5e-6 * np.exp(1j * (np.arange(len(fast)) % 4))
+    slow = replace(fast, speed=fast.speed / 10, frequency=fast.frequency / 10, response=run_out)
+    both = join([replace(fast, response=fast.response + run_out), slow])
+    cleared = subtract_measured_slow_roll(both, float(fast.speed.max()) / 2)
+    assert len(cleared) == len(fast)
+    assert cleared.response == pytest.approx(fast.response)
+    assert rf.influence(cleared).modes_told == rf.influence(fast).modes_told
 
 
 def test_weights_of_whole_pieces_leave_the_least_of_all_that_can_be_mounted() -> None:

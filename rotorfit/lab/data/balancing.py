@@ -103,7 +103,9 @@ class Balance(ByValue, Printed):
         before = int(np.argmax(np.where(known, np.abs(self.before), -1.0)))
         after = int(np.nanargmax(np.abs(self.expected)))
         missing = (
-            "" if known.all() else f" What becomes of {', '.join(map(self._probe, np.flatnonzero(~known)))} is open."
+            ""
+            if known.all()
+            else f" What becomes of {', '.join(map(self._probe, np.flatnonzero(~known).tolist()))} is open."
         )
         left = " ".join(told(abs(self.expected[after]) * 1e6, self.reaches[after] * 1e6))
         return (

@@ -52,7 +52,8 @@ def correct_channels(
 def subtract_measured_slow_roll(test: PerturbationTest, below: float) -> PerturbationTest:
     """Subtract from each channel of each run of a synchronous test its run-out, from readings at low speed: what they
     tend to at rest, since unbalance moves a rotor as the square of the speed, or their mean where their speeds are too
-    alike to tell that apart. What the error of a run-out adds to each reading, :data:`RUN_OUT_SHARE` keeps."""
+    alike to tell that apart. What the error of a run-out adds to each reading, :data:`RUN_OUT_SHARE` keeps. A reading
+    that alone is the run-out says nothing more, and is left out."""
     if not test.synchronous:
         raise ValueError(f"{test.source}: slow roll can only be taken from the readings of a synchronous test")
     keys = list(zip(test.run.tolist(), test.plane.tolist(), test.direction.tolist(), strict=True))
@@ -72,7 +73,8 @@ def subtract_measured_slow_roll(test: PerturbationTest, below: float) -> Perturb
         vector[channel], share[channel] = _at_rest(test.speed[rows], test.response[rows])
     shares = np.hypot(test.attributes.get(RUN_OUT_SHARE, 0.0), share[index])
     attributes = {**test.attributes, RUN_OUT_SHARE: shares}
-    return replace(test, response=test.response - vector[index], attributes=attributes)
+    itself = slow & (count[index] == 1)
+    return replace(test, response=test.response - vector[index], attributes=attributes).select(~itself)
 
 
 def _at_rest(speed: Float, response: ComplexArray) -> tuple[complex, float]:
