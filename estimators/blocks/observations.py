@@ -242,10 +242,11 @@ class Asked(Protocol):
         """False where one of these numbers came out as it cannot be."""
         return True
 
-    def doubts(self, predicted: ComplexArray) -> Iterator[tuple[str, str]]:
+    def doubts(self, theta: Float, predicted: ComplexArray) -> Iterator[tuple[str, str]]:
         """What its readings show that its model does not hold: codes and sentences.
 
         Args:
+            theta: parameters of each group.
             predicted: of the best fit.
         """
         return iter(())

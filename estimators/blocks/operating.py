@@ -138,16 +138,18 @@ class OperatingSpectra(Observed):
             "errors of single parameters from operating vibration were tried on few rigs yet",
         )
 
-    def doubts(self, predicted: ComplexArray) -> Iterator[tuple[str, str]]:
+    def doubts(self, theta: Float, predicted: ComplexArray) -> Iterator[tuple[str, str]]:
         """See :class:`~rotorfit.estimators.blocks.observations.Asked`: residuals of bands, and what motion forward and
         backward has in common."""
         inside = unpacked(self.weighed(predicted).unmixed(predicted - self.measured), self.m)  # sqrt(nu) (1 - ratio)
-        neighbours, large, beyond = 20, 1.4, 4.0  # cells of a band; mean square; standard deviations. Good fits: 1.25
+        neighbours, large, beyond = 20, 1.4, 4.0  # cells of a band; mean square; standard deviations
+        unlikely = 1e-3  # probability of what chance leaves
         n = self.m // 2
         for number, cells in enumerate(self._cells):
             own = -np.einsum("cii->c", inside[cells]).real / np.sqrt(self.m)
             bands = own[: own.size // neighbours * neighbours].reshape(-1, neighbours).sum(axis=1)
             size = float(np.mean(bands**2) / neighbours) if bands.size else 1.0
+            most = max(large, 1 + beyond * np.sqrt(2 / max(bands.size, 1)))
             rpm = self.speed[cells[0]] * RPM_PER_RAD_S
             if number not in self.found:
                 yield (
@@ -155,7 +157,7 @@ class OperatingSpectra(Observed):
                     f"at {rpm:.0f} rpm the floor of the readings, or the force on a plane, does not show: none was "
                     "taken, and errors hold only if there is none. Take a band that reaches higher (band_hz=)",
                 )
-            if size > large:
+            if size > most:
                 worst = int(np.argmax(np.abs(bands))) * neighbours
                 low, high = self.frequency[cells[[worst, worst + neighbours - 1]]] / (2 * np.pi)
                 yield (
@@ -175,6 +177,42 @@ class OperatingSpectra(Observed):
                     "or the force is not the same in x and y, and decrements of sharp modes are too small then. See "
                     "whether the sensitivities of x and y are right, then the supports",
                 )
+                continue
+            stiffness, chance = self._uneven(theta, cells, predicted, inside[cells][:, :n, n:])
+            plane = int(np.argmin(chance))
+            if chance[plane] * n < unlikely:
+                yield (
+                    "rotary-coherence",
+                    f"at {rpm:.0f} rpm forward and backward motion go together as if the stiffness at "
+                    f"{self.model.read_planes[plane]} differed by {significant(2 * abs(stiffness[plane]), 2)} N/m in x "
+                    "and y, which chance does not leave: decrements of sharp modes are too small then. See whether the "
+                    "sensitivities of x and y are right, then the supports",
+                )
+
+    def _uneven(
+        self, theta: Float, cells: Index, predicted: ComplexArray, common: ComplexArray
+    ) -> tuple[ComplexArray, Float]:
+        """Half the difference of the stiffness in x and y at each plane that is read, N/m, which explains best what
+        motion both ways has in common, whitened, ``(C, n, n)``, and the probability that chance leaves as much.
+
+        Such a stiffness dK adds ``dK conj z(-w)`` to the forces at w, and so ``-(H dK S_b + S_f dK H_b^*)`` to the
+        cross-spectra: a matched filter of all cells sees what their mean coherence does not.
+        """
+        n = self.coordinate.size
+        H = self._motion(theta, slopes=False, lines=np.concatenate([cells, cells + self.frequency.size]))[0]
+        H = H[:, self.coordinate][:, :, self.coordinate]
+        ahead, back = H[: cells.size], H[cells.size :].conj()
+        S = unpacked(predicted, self.m)[cells]
+        forward, backward = S[:, :n, :n], S[:, n:, n:]
+        roots = inverse_root(forward), adjoint(inverse_root(backward))
+        stiffness, chance = np.zeros(n, dtype=complex), np.ones(n)
+        for k in range(n):
+            added = ahead[:, :, k, None] * backward[:, None, k] + forward[:, :, k, None] * back[:, :, k, None].conj().mT
+            shown = np.sqrt(self.nu[cells])[:, None, None] * (roots[0] @ added @ roots[1])
+            power = float(np.sum(np.abs(shown) ** 2))
+            stiffness[k] = np.sum(shown.conj() * common) / power
+            chance[k] = np.exp(-(np.abs(stiffness[k]) ** 2) * power)
+        return stiffness, chance
 
     @property
     def independent(self) -> bool:

@@ -11,10 +11,12 @@ from sentences import refuses
 from turbulence import ONE_MODE, recorded, written
 
 import rotorfit as rf
+from rotorfit.estimators.signals.cells import Cells
 from rotorfit.identify.diagnosis.free_rotor import likelihood_ratio
 from rotorfit.identify.fitting.headline import decrement_of
 from rotorfit.identify.fitting.problem_setup import build_problem
 from rotorfit.identify.fitting.settings import FitSettings
+from rotorfit.lab.kinds.operating_test import operating_test
 from rotorfit.models.motion.stability import eigenvalues, threshold_speed
 
 MODEL = rf.models.OneMode()
@@ -129,6 +131,22 @@ def test_what_the_rotor_cannot_be_is_warned_of(test: rf.OperatingTest) -> None:
     assert "rotary-coherence" in {f.code for f in rf.fit(MODEL, taller, known=KNOWN, causes=None).notices}
 
 
+def test_one_per_cent_of_anisotropy_is_seen_where_modes_are_sharp() -> None:
+    """Wishart draws about the spectra of forward and backward motion that are solved together."""
+    values = {"M": 20.0, "K": 3.7e6, "Ds": 558.0, "K0": 1.7e5, "D": 212.0, "lam": 0.45, "Mf": 0.0}
+    f, freedom, rng = np.arange(1.0, 110.0, 0.25), 75, np.random.default_rng(1)
+    kappa = [1 / MODEL.receptance(MODEL.vector(values), way * 2 * np.pi * f, 968.0)[:, 0, 0] for way in (1, -1)]
+    for dK in (0.0, 0.005 * values["K"]):  # half of what stiffness differs by in x and y
+        both = np.array([[kappa[0], np.full(f.size, dK)], [np.full(f.size, dK), kappa[1].conj()]]).transpose(2, 0, 1)
+        noise = rng.normal(size=(2, f.size, 4, freedom)) / np.sqrt(2)
+        force, floor = np.split(noise[0] + 1j * noise[1], 2, axis=1)
+        u = np.linalg.solve(both, force) + 1e-7 * floor
+        cells = Cells(frequency=f, power=u @ u.conj().mT / freedom, freedom=np.full(f.size, float(freedom)))
+        known = {name: values[name] for name in ("M", "K0", "D", "Mf")}
+        fit = rf.fit(MODEL, operating_test("run", 968.0, MODEL.planes, cells, {}, ""), known=known, causes=None)
+        assert ("rotary-coherence" in {finding.code for finding in fit.notices}) == (dK > 0)
+
+
 def test_it_is_written_and_read(test: rf.OperatingTest, tmp_path: Path) -> None:
     few = test.select(np.arange(60))
     for name in ("test.csv", "test.nc"):
@@ -148,11 +166,14 @@ def test_recordings_become_spectra_without_orders_and_hum(tmp_path: Path) -> Non
     assert abs(fit.params["lam"].value - ONE_MODE["lam"]) < 4 * fit.params["lam"].stderr
 
 
-def test_a_robust_loss_and_a_bootstrap_of_spectra_are_refused(test: rf.OperatingTest) -> None:
+def test_a_robust_loss_and_draws_of_spectra_are_refused(test: rf.OperatingTest) -> None:
     with refuses(ValueError):
         rf.fit(MODEL, test, known=KNOWN, loss="huber")
+    fit = rf.fit(MODEL, test, known=KNOWN, causes=None)
     with refuses(ValueError):
-        rf.fit(MODEL, test, known=KNOWN, causes=None).bootstrap(n=10)
+        fit.bootstrap(n=10)
+    with refuses(ValueError):
+        fit.jackknife()
 
 
 def test_whirl_that_keeps_its_orbit_is_warned_of(tmp_path: Path) -> None:

@@ -374,7 +374,7 @@ def fit_warnings(
         yield from _of_values(problem, x, params, identifiability)
         return
     for block, predicted in zip(problem.blocks, problem.predict(x), strict=True):
-        for code, text in block.doubts(predicted):
+        for code, text in block.doubts(problem.space.theta(x), predicted):
             yield _warning(code, text)
     if noise is not None:
         yield from noise.warnings(redchi, _of_scatter(problem, x, params))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.base.array_types import ROUND_OFF, Float
-from rotorfit.base.digits import interval, significant, with_error
+from rotorfit.base.digits import counted, interval, significant, with_error
 from rotorfit.base.equality import ByValue
 from rotorfit.base.names import unknown_name
 from rotorfit.base.text_table import Printed, text_table
@@ -88,16 +88,21 @@ def jackknife(fit: FitResult) -> Jackknife:
     problem = fit.problem
     if not fit.success:
         raise ValueError("the fit did not converge: what a run changes is not known")
-    if not all(block.independent for block in problem.blocks):
-        raise ValueError(
-            "runs of this fit share errors, of a mounting, of measured forces or of a dry run, which its standard "
-            "errors count already: leaving one run out does not show them"
-        )
     run = problem.run
     runs = tuple(dict.fromkeys(run.tolist()))
     if len(runs) < FEWEST_RUNS:
         raise ValueError(
-            f"{len(runs)} runs: what differs from run to run cannot be known from fewer than {FEWEST_RUNS}"
+            f"{counted(len(runs), 'run')}: what differs from run to run cannot be known from fewer than {FEWEST_RUNS}"
+        )
+    if any(block.force_spectra for block in problem.blocks):
+        raise ValueError(
+            "the spectrum of the flow's force is fitted inside to all readings, which leaving a run out would not fit "
+            "again: fit without one of the recordings in place of it"
+        )
+    if not all(block.independent for block in problem.blocks):
+        raise ValueError(
+            "runs of this fit share errors, of a mounting, of measured forces or of a dry run, which its standard "
+            "errors count already: leaving one run out does not show them"
         )
     residuals, jacobian = problem.jacobian(fit.x)
     root = np.sqrt(robust_weights(problem.loss, np.abs(residuals) ** 2)[1])
