@@ -233,6 +233,8 @@ def _check_heaps(path: Path) -> None:
 # ---- MAT ---------------------------------------------------------------------------------------
 
 _DIMENSIONS, _MATRIX, _COMPRESSED = (5, 6), 14, 15  # SciPy takes dimensions with and without a sign
+_ELEMENTS = 1 << 20
+"""Elements of a MAT file, or of one of its arrays, beyond which no test is kept so."""
 
 
 def check_mat(path: Path) -> None:
@@ -245,8 +247,9 @@ def check_mat(path: Path) -> None:
     widths = (8, 4, 4, 2, 2, 1)  # bytes of a number of version 4, by its type
     if major == 0:
         order = "<" if 0 <= struct.unpack_from("<i", content)[0] < 5000 else ">"
-        at = 0
+        at = number = 0
         while at + 20 <= len(content):
+            _count_element(path.name, number := number + 1)
             kind, rows, columns, is_complex, letters = struct.unpack_from(f"{order}5i", content, at)
             length = rows * columns * widths[min(kind // 10 % 10, 5)] * (2 if is_complex else 1)
             at += 20 + letters + length
@@ -257,12 +260,20 @@ def check_mat(path: Path) -> None:
         _check_elements(path.name, content[128:], order, len(content), inside=False)
 
 
+def _count_element(name: str, number: int) -> None:
+    if number > _factor() * _ELEMENTS:
+        raise ValueError(f"{name} holds more than {_factor() * _ELEMENTS:.0f} elements; no test is kept so")
+
+
 def _check_elements(name: str, content: memoryview, order: str, size: int, *, inside: bool) -> None:
     """Elements one after the other, of a file of version 5 or inside one of its arrays."""
     at = number = 0
     pointer = 16  # bytes of memory that an element of an array takes at most before its content is read
     while at + 8 <= len(content):
+        _count_element(name, number)
         kind, length = struct.unpack_from(f"{order}II", content, at)
+        if not kind:
+            raise ValueError(f"{name} is not a readable MAT file: an element of it is of no type")
         short = kind >> 16
         begin, length, kind = (at + 4, short, kind & 0xFFFF) if short else (at + 8, length, kind)
         if begin + length > len(content):

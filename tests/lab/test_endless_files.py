@@ -6,6 +6,7 @@ import json
 import os
 import re
 import resource
+import struct
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -131,6 +132,34 @@ def test_gigabytes_of_junk(read: Callable[[Path], object], suffix: str, tmp_path
         os.truncate(path, 2 << 30)
         with soon(), pytest.raises(ValueError, match=r"a\."):
             read(path)
+
+
+_WAV = b"RIFF\xff\xff\xff\xffWAVEfmt " + struct.pack("<IHHIIHH", 16, 1, 2, 4096, 16384, 4, 16)
+_MAT = b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM"
+
+
+@pytest.mark.parametrize(
+    ("suffix", "begin", "repeated", "said"),
+    [
+        ("wav", _WAV, b"\0" * 8, "it has no samples in its first 4096 parts"),
+        ("wav", _WAV, b"JUNK\0\0\0\0", "it has no samples in its first 4096 parts"),
+        ("mat", _MAT, b"\0" * 8, "an element of it is of no type"),
+        ("mat", _MAT, struct.pack("<II", 1, 0), "holds more than 10486 elements"),
+        ("mat", _MAT + struct.pack("<II", 14, 1 << 31), struct.pack("<II", 1, 0), "more than 10486 elements"),
+        ("mat", struct.pack("<5i", 1000, 1, 1, 0, 2) + b"a\0" + b"\0" * 8, b"", "more than 10486 elements"),
+    ],
+)
+def test_parts_without_end_behind_a_right_beginning(
+    suffix: str, begin: bytes, repeated: bytes, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROTORFIT_FILE_LIMITS", "0.01")
+    path = tmp_path / f"a.{suffix}"
+    with path.open("wb") as file:
+        file.write(begin)
+        file.write((repeated or begin) * 11000)
+    os.truncate(path, 3 << 30)
+    with soon(), pytest.raises(ValueError, match=rf"a\.{suffix}.*{said}"):
+        rf.read_recording(path)
 
 
 def test_groups_in_groups_without_end(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
 
@@ -26,6 +27,8 @@ _WIDTHS = {_PCM: (2, 3, 4), _FLOAT: (4, 8)}
 """Bytes of a sample by format."""
 _OTHERS = {b"FORM": "AIFF", b"fLaC": "FLAC", b"OggS": "Ogg", b"RIFX": "WAV of big-endian numbers", b"ID3": "MP3"}
 """What other sound files begin with."""
+_MOST = 4096
+"""Parts of a file in which its samples are looked for."""
 _EXPORT = "export 16 or 24 bits, PCM, or floating-point numbers"
 
 
@@ -85,7 +88,7 @@ def _header(path: Path) -> tuple[bytes, int, int]:
             raise ValueError(f"{name} is not a readable WAV file: it is {other}; export WAV, 16 or 24 bits")
         if head[:4] not in (b"RIFF", b"RF64", b"BW64") or head[8:] != b"WAVE":
             raise ValueError(f"{name} is not a readable WAV file: it does not begin as one")
-        for kind, begin, length in _chunks(file):
+        for kind, begin, length in islice(_chunks(file), _MOST):
             if kind == b"ds64":
                 sizes = file.read(min(length, 24))
             elif kind == b"fmt ":
@@ -97,7 +100,7 @@ def _header(path: Path) -> tuple[bytes, int, int]:
                 size = path.stat().st_size
                 unfinished = struct.unpack_from("<I", head, 4)[0] != size - 8
                 return form, begin, size - begin if unfinished and _streamed(whole, size - begin) else whole
-    raise ValueError(f"{name} is not a readable WAV file: it has no samples")
+    raise ValueError(f"{name} is not a readable WAV file: it has no samples in its first {_MOST} parts")
 
 
 def _streamed(length: int, rest: int) -> bool:
