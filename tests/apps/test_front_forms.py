@@ -80,3 +80,25 @@ def test_sentences_name_no_options() -> None:
     for one in with_options:
         assert not re.search(r"--[a-z]", on_the_page(one)), one
     assert on_the_page("two speeds (--per 'K0=speed_rpm'), or one") == "two speeds, or one"
+
+
+def test_a_seal_rig_is_fitted_with_its_dry_run_by_condition(tmp_path: Path) -> None:
+    """As with --baseline and --per; a study that is downloaded names the dry run's file wherever it is run."""
+    import panel as pn
+
+    from rotorfit.apps.app.folder import Folder
+    from rotorfit.apps.app.forms import model_form
+    from rotorfit.apps.app.session import Session, toml_of
+
+    for name in ("wet.csv", "dry.csv"):
+        (tmp_path / name).write_text("run\n", encoding="utf-8")
+    session = Session(folder=Folder(tmp_path)).with_files(["wet.csv"]).with_model("anisotropic")
+    page: Any = SimpleNamespace(session=session, say=lambda words: None)
+    page.change_model = lambda asked: setattr(page, "session", asked())
+    shown = pn.Column(*model_form(page)[0])
+    fields = {field.name: field for field in shown.select(pn.widgets.Widget)}
+    fields["dry run of a seal or bearing rig, taken out"].value = "dry.csv"
+    next(f for name, f in fields.items() if name.startswith("values by condition")).value = "Kxx=speed_rpm,Kxy=bar"
+    assert page.session.content["baseline"] == "dry.csv"
+    assert page.session.content["per"] == {"Kxx": "speed_rpm", "Kxy": "bar"}
+    assert f'baseline = "{tmp_path / "dry.csv"}"' in toml_of(page.session, absolute=True)

@@ -322,7 +322,13 @@ _CHOICES = {
     "phase_offsets": ("zero of the phases", {"known": "", "one for every run but the first": True, "common": "common"}),
 }
 """Options with a few values: label and choices."""
-_WORDS = {"planes": "planes, in the model's order: A,B", "clearance_um": "clearance, µm", "modes": "modes (modal)"}
+_WORDS = {
+    "planes": "planes, in the model's order: A,B",
+    "clearance_um": "clearance, µm",
+    "modes": "modes (modal)",
+    "per": "values by condition: Kxx=speed_rpm+P_bar,...",
+    "stator_mass_kg": "mass of a floating stator, kg",
+}
 """Options that are written: label."""
 
 
@@ -337,7 +343,7 @@ def model_form(page: Front) -> tuple[list[Any], Callable[[], bool]]:
     def take_in() -> bool:
         return all(_know(page, name, shown_in(field)) for name, field in fields.items())
 
-    usual = not set(content) & {*_CHOICES, *_WORDS, "refine"}
+    usual = not set(content) & {*_CHOICES, *_WORDS, "refine", "baseline"}
     more = folded("More options", _options(page), shown=not usual)
     return [model, _known(page, fields), more], take_in
 
@@ -381,9 +387,10 @@ def _options(page: Front) -> Any:
         page.change_model(lambda: page.session.with_option(name, value))
 
     def put_word(name: str, word: str) -> None:  # as behind that option on the command line
-        parse = FIT[name].kind.word
+        kind = FIT[name].kind
         try:
-            value = parse(word) if word and parse is not None else None
+            own = kind.word or str
+            value = None if not word else pairs(name, [word], own) if kind.paired else own(word)
         except (ValueError, ArgumentTypeError) as problem:
             page.say(f"{_WORDS[name]}: {problem}")
             return
@@ -392,12 +399,17 @@ def _options(page: Front) -> Any:
     fields: dict[str, Any] = {}
     for name, (label, choices) in _CHOICES.items():
         fields[name] = pn.widgets.Select(name=label, options=choices, value=content.get(name, ""), **WIDE)
+    dry = ["", *page.session.folder.data_files()]
+    fields["baseline"] = pn.widgets.Select(
+        name="dry run of a seal or bearing rig, taken out", options=dry, value=content.get("baseline", ""), **WIDE
+    )
     fields["refine"] = pn.widgets.Checkbox(name=FIT["refine"].help, value=bool(content.get("refine")), **WIDE)
     for name, field in fields.items():
         field.param.watch(lambda event, name=name: put(name, event.new), "value")
     refine = fields.pop("refine")
     for name, label in _WORDS.items():
         value = content.get(name)
-        shown = ",".join(value) if isinstance(value, list) else value
+        written = [f"{key}={own}" for key, own in value.items()] if isinstance(value, dict) else value
+        shown = ",".join(written) if isinstance(written, list) else written
         fields[name] = text_field(label, shown, partial(put_word, name))
     return side_by_side([*fields.values(), refine], least=250)

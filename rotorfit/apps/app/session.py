@@ -204,4 +204,6 @@ def toml_of(session: Session, *, absolute: bool) -> str:
             table.update({key: str(joined(root, table[key])) for key in ("path", "setup") if key in table})
             if "recordings" in table:
                 table["recordings"] = [str(joined(root, name)) for name in table["recordings"]]
+        if "baseline" in content:
+            content["baseline"] = str(joined(root, content["baseline"]))
     return str(tomli_w.dumps(content))
