@@ -12,6 +12,7 @@ from plain import plain_fit
 from scipy.stats import norm
 from seal_campaigns import FLUID, KNOWN, seal_campaign
 from sentences import refuses
+from turbulence import recorded
 
 import rotorfit as rf
 from rotorfit.estimators.minimisation.least_squares import minimise
@@ -32,6 +33,13 @@ def fitted(small):
 
 
 # ---- run by run -------------------------------------------------------------------------------------------------
+
+
+def test_runs_of_operating_vibration_say_something():
+    values = {"M": 1.0, "K": 7000.0, "Ds": 5.0, "K0": 3000.0, "D": 400.0, "lam": 0.40, "Mf": 0.2}
+    test = recorded(OneMode(), values, np.array([200.0]), minutes=3, seed=3, width=0.5)
+    known = {name: values[name] for name in ("M", "K", "Ds", "K0", "D", "Mf")}
+    assert not rf.campaign(OneMode(), [test], known=known).runs[0].silent
 
 
 def test_every_run_is_found(small, fitted):

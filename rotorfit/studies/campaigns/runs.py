@@ -208,6 +208,8 @@ def fit_run(model: RotorModel, run: Run, *, settings: FitSettings, start: Mappin
     # Fall of chi-squared a parameter that fitting noise does not reach: noise alone lowers it by one on average, a
     # search for the best of many resonances by some times that, a rotor by as many times as there are readings.
     fall_by_chance = 10.0
+    # Readings whose errors are not normal, such as spectra, have no likelihood of no motion.
+    normal = all(block.normal for block in data.blocks)
     return RunFit(
         name=run.name,
         attributes=run.attributes,
@@ -222,7 +224,7 @@ def fit_run(model: RotorModel, run: Run, *, settings: FitSettings, start: Mappin
         success=found.success,
         message=found.message,
         findings=found.notices,
-        silent=still - missed < fall_by_chance * max(1.0, found.redchi) * max(found.nvarys, 1),
+        silent=normal and still - missed < fall_by_chance * max(1.0, found.redchi) * max(found.nvarys, 1),
         noise=found.settings.noise,
     )
 
