@@ -113,6 +113,13 @@ def beginning(path: Path, size: int) -> bytes:
         return stream.read(size)
 
 
+def end_of(path: Path, size: int) -> bytes:
+    """The last bytes of a file, which may be of any length."""
+    with path.open("rb") as stream:
+        stream.seek(max(path.stat().st_size - size, 0))
+        return stream.read(size)
+
+
 def check_whole(path: Path, what: str) -> None:
     """Refuse a text that would be read as a whole and is longer than any test."""
     most = _factor() * (1 << 28)

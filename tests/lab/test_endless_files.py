@@ -143,6 +143,7 @@ _MAT = b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM"
     [
         ("wav", _WAV, b"\0" * 8, "it has no samples in its first 4096 parts"),
         ("wav", _WAV, b"JUNK\0\0\0\0", "it has no samples in its first 4096 parts"),
+        ("uff", b"    -1\n    58\n", b"\0" * 8, "its last data set has no end"),
         ("mat", _MAT, b"\0" * 8, "an element of it is of no type"),
         ("mat", _MAT, struct.pack("<II", 1, 0), "holds more than 10486 elements"),
         ("mat", _MAT + struct.pack("<II", 14, 1 << 31), struct.pack("<II", 1, 0), "more than 10486 elements"),

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.base.array_types import Float
-from rotorfit.base.file_reading import beginning, shown
+from rotorfit.base.file_reading import beginning, end_of, shown
 
 _MARK = re.compile(rb"(?m)^    -1[ \t]*\r?$\n?")
 _ASCII = re.compile(rb"\s*58[ \t]*\r?\n")
@@ -42,9 +42,11 @@ def universal_records(path: Path, *, header_only: bool = False, only: int | None
     """All data sets of a file, or one by its place; with ``header_only`` without the numbers of functions."""
     import pyuff
 
-    longest_head = 1 << 20  # bytes in which the first data set begins
-    if not _MARK.search(beginning(path, longest_head)):
+    margin = 1 << 20  # bytes in which the first data set begins, and the last one ends
+    if not _MARK.search(beginning(path, margin)):
         raise ValueError(f"{path.name} is not a universal file: no line of it is '    -1', between which data sets are")
+    if not _MARK.search(end_of(path, margin)):  # of a file of any length, before it is read
+        raise ValueError(f"{path.name} is not a whole universal file: its last data set has no end; copy it again")
     content = path.read_bytes()
     marks = [(match.start(), match.end()) for match in _MARK.finditer(content)]
     binary = re.search(rb"(?m)^    58[bB]", content) is not None
