@@ -41,7 +41,7 @@ def _same_unit(name: str, other: str) -> bool:
     plain = [re.sub(r"[\W_]", "", each).lower() for each in (name, other)]
     if plain[0] == plain[1] or other.lower().startswith((f"{name.lower()} [", f"{name.lower()} (")):
         return True
-    words, others = (re.split(r"[_ ]+", each.lower()) for each in (name, other))
+    words, others = (re.findall(r"[^\W_]+", each.lower()) for each in (name, other))
     if len(words) == len(others) == 1:
         return True
     word = 4  # letters from which the end of a name is a word and no unit
@@ -50,4 +50,7 @@ def _same_unit(name: str, other: str) -> bool:
         return True  # the unit is missing, or a word is misspelt
     if len(end) >= word and words[:-1] == others[:-1]:
         return True  # a letter of the word is missing
-    return sorted(last) == sorted(end) and len(words) == len(others)
+    if len(words) != len(others):
+        return False
+    short = [pair for pair in zip(words, others, strict=True) if max(map(len, pair)) < word]
+    return all(sorted(one) == sorted(known) for one, known in [*short, (last, end)])  # of uin_pp, too

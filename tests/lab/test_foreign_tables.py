@@ -219,6 +219,50 @@ def test_half_a_matrix_is_refused(tmp_path: Path, change: tuple[str, str], words
         read(tmp_path / "a.csv")
 
 
+@pytest.mark.parametrize(("real", "imag"), [
+    ("direct_stiffness", "quadrature_stiffness"), ("direct_N_per_m", "quadrature_N_per_m"),
+    ("Direct [N/mm]", "Quad [N/mm]"), ("Re(DS) [MN/m]", "Im(DS) [MN/m]"), ("KD [lbf/in]", "KQ [lbf/in]"),
+    ("Re(Kdyn) [MN/m]", "Im(Kdyn) [MN/m]"), ("stiffness_re", "stiffness_im"), ("Re_Z [N/m]", "Im_Z [N/m]"),
+    ("Re_H_N_m", "Im_H_N_m"), ("kxx [N/m]", "kxy [N/m]"), ("Re(Hxx) [MN/m]", "Im(Hxx) [MN/m]"),
+])  # fmt: skip
+def test_a_single_dynamic_stiffness_says_how_it_is_entered(tmp_path: Path, real: str, imag: str) -> None:
+    w = 2 * np.pi * HZ
+    value = K[0, 0] - w**2 * M[0, 0] + 1j * w * C[0, 0]
+    rows = [
+        ["1500", *map(repr, row)] for row in zip(HZ.tolist(), value.real.tolist(), value.imag.tolist(), strict=True)
+    ]
+    (tmp_path / "a.csv").write_text(table(rows, f"speed_rpm,frequency_hz,{real},{imag}"), encoding="utf-8")
+    with pytest.raises(ValueError, match=r"force over motion is read as a matrix.*Re_Hxx_N_m") as told:
+        read(tmp_path / "a.csv")
+    assert f"{real!r}, {imag!r}" in str(told.value)
+    assert "did you mean" not in str(told.value)
+    assert "journal_x" not in str(told.value)
+    said = zip((1 / np.abs(value)).tolist(), (-np.degrees(np.angle(value))).tolist(), strict=True)
+    entered = [
+        ["a", "1500", f"{60 * hz:g}", "p", "1", "0", "p", "z", *map(repr, reading)]
+        for hz, reading in zip(HZ, said, strict=True)
+    ]
+    (tmp_path / "b.csv").write_text(table(entered, HEADER.replace("amplitude_um", "amplitude_m")), encoding="utf-8")
+    test = read(tmp_path / "b.csv")
+    assert isinstance(test, PerturbationTest)
+    np.testing.assert_allclose(test.force / test.response, value, rtol=1e-9)
+
+
+@pytest.mark.parametrize("unit", ["[m/N]", "(um/N)", "um_per_N", "[mm/s/N]", "[m/s2/N]", "(g/N)", "[mil/lbf]"])
+def test_motion_over_force_says_how_it_is_entered(tmp_path: Path, unit: str) -> None:
+    rows = [["1500", str(hz), "1e-6", "2e-6"] for hz in HZ]
+    (tmp_path / "a.csv").write_text(table(rows, f"speed_rpm,frequency_hz,Re_H {unit},Im_H {unit}"), encoding="utf-8")
+    with pytest.raises(ValueError, match="motion over force is entered as the response to one newton") as told:
+        read(tmp_path / "a.csv")
+    assert "journal_x" not in str(told.value)
+
+
+@pytest.mark.parametrize("name", ["Re_Z [N/m]", "support stiffness", "receptance [m/N]", "torque_N_m"])
+def test_ratios_beside_readings_are_attributes(tmp_path: Path, name: str) -> None:
+    (tmp_path / "a.csv").write_text(table([[*row, "3"] for row in ROWS], f"{HEADER},{name}"), encoding="utf-8")
+    assert set(read(tmp_path / "a.csv").attributes) == {name}
+
+
 # ---- hints -------------------------------------------------------------------------------------------------------
 
 
@@ -228,6 +272,9 @@ def test_half_a_matrix_is_refused(tmp_path: Path, change: tuple[str, str], words
         ("amplitude_dB", ["amplitude_rad", "amplitude_um"], ""),
         ("amplitude_uin", ["amplitude_in", "amplitude_um"], ""),
         ("mr_g", ["mr_g_m", "mr_g_mm"], ""),
+        ("mr_ug_mm", ["mr_g_mm"], ""),
+        ("amplitude_uin_pp", ["amplitude_in_pp", "amplitude_um_pp"], ""),
+        ("Direct [um]", ["direction"], ""),
         ("Re_Hxx_MN_m", ["force_x_n"], ""),
         ("sensitivity_mV_per_g", ["sensitivity_mV_per_um"], ""),
         ("force_lb", ["force_lbf"], ""),
@@ -283,12 +330,18 @@ def test_frequencies_and_responses_of_matlab_alone_say_what_is_lacking(
         ValueError, match=rf"a\.mat holds frequencies \({names[0]}\) and responses \({names[1]}\).*real_um"
     ):
         read(tmp_path / "a.mat")
+    with pytest.raises(ValueError, match=rf"a\.mat holds frequencies \({names[0]}\) and responses \({names[1]}\)"):
+        open_raw(tmp_path / "a.mat")
     with h5py.File(tmp_path / "b.mat", "w", userblock_size=512) as file:
         file["f"] = f[None]
+        file["H"] = np.zeros((channels, 50), dtype=[("real", float), ("imag", float)])
     with (tmp_path / "b.mat").open("r+b") as stream:
         stream.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
-    with pytest.raises(ValueError, match=r"b\.mat is a MAT file of version 7.3; save it with save.name, ..., '-v7'"):
-        read(tmp_path / "b.mat")
+    for reader in (read, open_raw):
+        with pytest.raises(
+            ValueError, match=r"b\.mat is a MAT file of version 7.3; save it with save.name, ..., '-v7'"
+        ):
+            reader(tmp_path / "b.mat")
 
 
 # ---- tables of monitors, orders and dates ------------------------------------------------------------------------

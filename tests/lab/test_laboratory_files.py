@@ -282,7 +282,8 @@ def test_a_reading_in_doubt_is_no_attribute(tmp_path, run, amplitude, phase, alo
     code, _, told = run("info", path)
     assert code == 2
     assert f"{amplitude!r}, {phase!r} look like readings" in told
-    assert "=journal_x_um_pp" in told
+    units = {"(thou)": "UNIT", "(um)": "um"}  # of the first in doubt, whose quantity the hint keeps
+    assert f'=journal_x_{"um_pp" if alone else units.get(amplitude.split()[-1], "um_pp")}"' in told
     if not alone:
         with warns(UserWarning):
             read = rf.read(path, columns={amplitude: "disk_y_um", phase: "disk_y_lag_deg"})

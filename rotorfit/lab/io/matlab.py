@@ -77,6 +77,11 @@ def read_mat(path: str | Path) -> Experiment:
     return build(str(kind[0]) if kind.size else "", columns, attributes, source)
 
 
+def refuse_bare_responses(path: Path) -> None:
+    """Refuse a file of frequencies and complex responses alone, for those who take it for a recording."""
+    _refuse_bare_responses(_columns(mat_content(path), path.name), path.name)
+
+
 def _refuse_bare_responses(columns: Mapping[str, NDArray[Any]], source: str) -> None:
     """Refuse frequencies and complex responses alone, as analysers export f and H, with what makes a test of them."""
     if {"response", "frequency", "kind"} & columns.keys():

@@ -24,6 +24,7 @@ import numpy as np
 from rotorfit.base.array_types import Float
 from rotorfit.base.units import UNITS, si_factor, units_of
 from rotorfit.lab.io.tables.cells import NOT_TAKEN, Numbers, lacking, taken
+from rotorfit.lab.io.tables.stiffness_tables import is_ratio
 from rotorfit.lab.io.tables.table import MOTION, PREFIXES, Table, floats, quantity
 
 _CHANNEL = re.compile(r"(?P<plane>.+)_(?P<direction>rx|ry|x|y|z)_(?P<rest>.+)")
@@ -301,11 +302,13 @@ def refuse_doubtful(table: Table) -> None:
         return
     listed = ", ".join(repr(table.spelled(name)) for name in doubtful)
     first = table.spelled(doubtful[0])
+    said = "_".join(_apart(first.lower())[1])
+    name = f"journal_x_{said if said in MOTION else 'UNIT' if said else 'um_pp'}"
     verb = "looks like a reading" if len(doubtful) == 1 else "look like readings"
     raise ValueError(
         f"{table.source}: {listed} {verb}, but not of which plane, direction (x, y, z, rx, ry) and unit; say that by "
-        f"columns, {{{first!r}: 'journal_x_um_pp'}} (a phase: 'journal_x_lag_deg' or '_deg'), on the command line "
-        f'--column "{first}=journal_x_um_pp"; a condition of the test gets another name in the same way'
+        f"columns, {{{first!r}: {name!r}}} (a phase: 'journal_x_lag_deg' or '_deg'), on the command line "
+        f'--column "{first}={name}"; a condition of the test gets another name in the same way'
     )
 
 
@@ -367,7 +370,7 @@ def _is_doubtful(table: Table, name: str) -> bool:
     words, unit = _apart(table.spelled(name).lower())
     if is_probe(name) or quantity_meant(name) or words[:1] == [] or words[0] in NOT_PLANES:
         return False
-    if any(word in _BESIDE for word in words):
+    if any(word in _BESIDE for word in words) or is_ratio(table.spelled(name)):
         return False
     given = np.flatnonzero(~lacking(table.cells[name], NOT_TAKEN))
     if not given.size or floats(taken(table.cells[name], given)) is None:

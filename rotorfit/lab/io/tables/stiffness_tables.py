@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,13 +18,23 @@ from rotorfit.base.array_types import ComplexArray, Float
 from rotorfit.base.digits import significant
 from rotorfit.base.units import UNITS, find_unit
 from rotorfit.lab.io.tables.cells import Numbers
-from rotorfit.lab.io.tables.table import Table
+
+if TYPE_CHECKING:
+    from rotorfit.lab.io.tables.table import Table
 
 _NAME = re.compile(
     r"(re|real|im|imag)[ _(]*(?:dynamic[ _]*stiffness|[hkzdf])?[ _]*(xx|xy|yx|yy)[ _\[()]*(.*?)[ _\])]*", re.I
 )
 _PER_LENGTH = re.compile(r"(\w+?)[ _]*(?:/|_per_|[ _])[ _]*(m|mm|um|in|mil)", re.I)
 _SIGMA = re.compile(r"sigma[ _]*[hkzdf]?[ _\[(]*(.*?)[ _\])]*", re.I)
+_FORCE, _LENGTH = r"(?:[kmM]?N|lbf?|kgf)", r"(?:in|inch|mils?|[mu\u00b5\u03bcn]?m)"
+_OVER = r"(?:[ _]*/[ _]*|[ _]per[ _]{})"
+_STIFFNESS = re.compile(rf"(?:.*[ _(\[,])?{_FORCE}{_OVER.format('|[ _]')}{_LENGTH}[ )\]]*|.*(?:stiffness|kdyn).*", re.I)
+_RESPONSE = re.compile(rf"(?:.*[ _(\[,])?(?:{_LENGTH}.*|g){_OVER.format('')}{_FORCE}[ )\]]*", re.I)
+_TURNING = re.compile(r".*(?:torque|moment).*", re.I)
+_ONE_NEWTON = (
+    "as the response to one newton, with force_N = 1, force_phase_deg = 0, run, force_plane, plane, direction and"
+)
 _ORBIT = 1e-6
 """Orbit that a matrix is taken for, m."""
 
@@ -32,6 +43,30 @@ def is_stiffness(table: Table) -> bool:
     """True if the columns of a table are parts of a matrix of dynamic stiffness."""
     found = [match for name in table.cells if (match := _NAME.fullmatch(table.names[name]))]
     return len(found) >= 4 and not {"direction", "force_plane"} & set(table.cells)
+
+
+def is_ratio(spelled: str) -> bool:
+    """True if a name says force over motion or motion over force, which is no reading of a vibration."""
+    return not _TURNING.fullmatch(spelled) and bool(_STIFFNESS.fullmatch(spelled) or _RESPONSE.fullmatch(spelled))
+
+
+def refuse_ratios(table: Table, names: Sequence[str]) -> None:
+    """Refuse a table that lacks readings where some of its columns are ratios of force and motion, with the way in."""
+    ratios = [table.spelled(name) for name in names if is_ratio(table.spelled(name))]
+    if not ratios:
+        return
+    listed = f"{table.source}: {', '.join(map(repr, ratios))}: "
+    if not any(_STIFFNESS.fullmatch(spelled) for spelled in ratios):
+        raise ValueError(
+            f"{listed}motion over force is entered {_ONE_NEWTON} its real and imaginary part in the unit of the "
+            "motion: real_um and imag_um of um/N, real_m and imag_m of m/N"
+        )
+    raise ValueError(
+        f"{listed}force over motion is read as a matrix alone, of Re_Hxx_N_m, Im_Hxx_N_m and the same of xy (and of yx "
+        f"and yy where yx = -xy and yy = xx do not hold) over frequency_hz. A single one is entered {_ONE_NEWTON} "
+        "amplitude_m = 1 / |Re + j Im| and phase_deg = -angle(Re + j Im), Re and Im in N/m; coefficients of a seal are "
+        "kxx_N_m, kxy_N_m, cxx_N_s_m, cxy_N_s_m and mxx_kg"
+    )
 
 
 def stiffness_table(table: Table) -> Table:

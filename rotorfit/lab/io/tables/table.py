@@ -25,6 +25,7 @@ from rotorfit.lab.data.findings import Finding
 from rotorfit.lab.io.sampling import time_factor
 from rotorfit.lab.io.tables.cells import NOT_TAKEN, Numbers, frame_cells, lacking, read_cells, taken
 from rotorfit.lab.io.tables.json_records import SUFFIXES, json_frame
+from rotorfit.lab.io.tables.stiffness_tables import refuse_ratios
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -348,6 +349,7 @@ def _refuse_missing(table: Table, others: Sequence[str], missing: Sequence[str],
             f"`rotorfit template {table.source} > rig.toml` makes a setup to fill in; then read it with that "
             "(rf.read_recording, --setup rig.toml)"
         )
+    refuse_ratios(table, others)
     names = ["run", "force_plane", "plane", "direction", *(f"{p}_{unit}" for p, us in PREFIXES.items() for unit in us)]
     unknown = []
     for name in map(table.names.__getitem__, others):

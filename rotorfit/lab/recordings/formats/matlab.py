@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from rotorfit.base.file_reading import check_hdf5, check_mat
+from rotorfit.lab.io.matlab import refuse_bare_responses
 from rotorfit.lab.io.sampling import FEWEST, rate_of, rate_of_times, time_factor
 from rotorfit.lab.recordings.formats.raw_file import RawArray, RawChannel, RawFile, plain, spooled, unit_said
 
@@ -33,15 +34,28 @@ def open_file(path: Path) -> RawFile:
         import h5py
 
         check_hdf5(path)
-        with h5py.File(path, "r") as content:
-            tree = {key: _node(path, content, item) for key, item in content.items() if not key.startswith("#")}
+        with h5py.File(path, "r") as stored:
+            tree = {key: _node(path, stored, item) for key, item in stored.items() if not key.startswith("#")}
     else:
         from scipy.io import loadmat, whosmat
 
         check_mat(path)
         names = [name for name, _, _ in whosmat(path)]  # a variable at a time
         tree = {name: held(loadmat(path, variable_names=[name], simplify_cells=True)[name]) for name in names}
-    return file_of(path.name, tree)
+    content = file_of(path.name, tree)
+    signals = content.channels.values()
+    if (sizes := [*_responses(tree)]) and all(size % signal.size == 0 for size in sizes for signal in signals):
+        refuse_bare_responses(path)
+    return content
+
+
+def _responses(tree: Mapping[str, Any]) -> Iterator[int]:
+    """Sizes of what is complex, which no signal is."""
+    for value in tree.values():
+        if isinstance(value, dict):
+            yield from _responses(value)
+        elif isinstance(value, np.ndarray) and value.dtype.kind == "c":
+            yield value.size
 
 
 def file_of(name: str, tree: Mapping[str, Any]) -> RawFile:
@@ -135,7 +149,7 @@ def _node(path: Path, file: Any, item: Any) -> Any:
     if kind == b"char":
         return "".join(map(chr, np.asarray(item).T.reshape(-1))).strip() if item.ndim == 2 else ""
     if item.dtype.kind not in "iuf" or item.attrs.get("MATLAB_empty", 0):
-        return None
+        return np.broadcast_to(np.complex128(0), item.shape) if item.dtype.names == ("real", "imag") else None
     if item.size < FEWEST:
         values = np.asarray(item).reshape(-1)
         return values[0].item() if values.size == 1 else values.tolist()
