@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -220,14 +221,29 @@ class OperatingSpectra(Observed):
         return False
 
     def drawn(self, noise: ComplexArray) -> ComplexArray:
-        """See :class:`~rotorfit.estimators.blocks.observations.Asked`: as averages of many lines have it, normal."""
-        root: ComplexArray = np.asarray(np.linalg.inv(inverse_root(unpacked(self.measured, self.m))), dtype=complex)
-        over = np.sqrt(self.degrees)[:, None, None]
-        return packed(root @ unpacked(noise, self.m) @ adjoint(root) / over)
+        """See :class:`~rotorfit.estimators.blocks.observations.Asked`: complex Wishart, by Bartlett's factor, about
+        the spectra that it was weighed by."""
+        from scipy.special import gammaincinv, ndtr  # late: loading it takes longer than a fit
+
+        weight = inverse_root(unpacked(self.measured, self.m)) if self.weight is None else self.weight
+        factor = np.tril(unpacked(noise, self.m))
+        at = np.arange(self.m)
+        normal = factor[..., at, at].real
+        factor[..., at, at] = np.sqrt(gammaincinv(self.nu[:, None] - at, ndtr(normal)))
+        average = factor @ adjoint(factor) / self.nu[:, None, None]
+        root: ComplexArray = np.asarray(np.linalg.inv(weight), dtype=complex)
+        return packed(root @ (average - np.eye(self.m)) @ adjoint(root)) / self.sigma
+
+    def with_measured(self, measured: ComplexArray) -> Self:
+        """See :class:`~rotorfit.estimators.blocks.observations.Block`: spectra found for these are not those of
+        others."""
+        found = super().with_measured(measured)
+        object.__setattr__(found, "found", dict(self.found))
+        return found
 
     # ---- likelihood --------------------------------------------------------------------------------------------------
 
-    @cached_property
+    @property
     def nu(self) -> Float:
         """Degrees of freedom of each cell, fewer where the noise of its readings was widened."""
         return np.asarray(self.degrees / self.sigma[:: self.m**2 // 2] ** 2)
@@ -257,7 +273,7 @@ class OperatingSpectra(Observed):
         share = self.m**2 // 2
         return np.repeat(cell / share, share, axis=-1)
 
-    @cached_property
+    @property
     def _excess(self) -> Float:
         """Mean deviance of a Wishart matrix about its own mean, less its m^2 numbers, of each cell."""
         from scipy.special import digamma  # late: loading it takes longer than a fit

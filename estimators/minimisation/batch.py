@@ -30,7 +30,7 @@ class BatchFit:
     x: Float  # fitted vectors, shape ``(B, p)``
     cost: Float  # half the (robust) sum of squares plus minus the log prior, shape ``(B,)``
     converged: Bool  # whether each member is at a minimum, shape ``(B,)``
-    alone: Bool  # members that were handed to Ipopt one by one (at a bound, or slow to converge), shape ``(B,)``
+    alone: Bool  # members that were handed to Ipopt one by one (at a bound, slow, or not normal), shape ``(B,)``
 
 
 def with_measured(problem: Problem, measured: ComplexArray) -> Problem:
@@ -48,20 +48,29 @@ def batch_fit(
     options: Options = _DEFAULTS,
 ) -> BatchFit:
     """Fit many sets of readings of one problem."""
-    x = np.broadcast_to(np.asarray(start, dtype=float), (len(measured), problem.space.size))
-    x = np.clip(x, problem.space.lower, problem.space.upper)
+    first = np.broadcast_to(np.asarray(start, dtype=float), (len(measured), problem.space.size))
+    first = np.clip(first, problem.space.lower, problem.space.upper)
+    x = first.copy()
+    cost, converged = np.full(len(x), np.inf), np.zeros(len(x), dtype=bool)
+    if all(block.normal for block in problem.blocks):  # others fit numbers of their own to every set of readings
+        x, cost, converged = _together(problem, measured, first, accelerate)
+    alone = ~converged
+    for b in np.flatnonzero(alone).tolist():
+        own = with_measured(problem, measured[b])
+        begin = x[b] if np.isfinite(cost[b]) else first[b]
+        found = minimise(own, begin, lower=problem.space.lower, upper=problem.space.upper, options=options)
+        x[b], cost[b] = found.x, found.cost
+        converged[b] = found.success or found.status is Status.SINGULAR  # a minimum along a whole line is one
+    return BatchFit(x, cost, converged, alone)
+
+
+def _together(problem: Problem, measured: ComplexArray, x: Float, accelerate: bool | None) -> tuple[Float, Float, Bool]:
+    """Where steps of all members together end, their costs, and which of them have converged."""
     evaluations = 5  # a member's gradients until it has converged, typically
     batch = Batch(problem, accelerate=accelerate, work=evaluations * len(measured), gradients=True)
     with np.errstate(all="ignore"):  # a trial point may well be absurd
         end = _Descent(problem, x.copy(), batch.of_readings(measured))
-    alone = ~end.converged
-    for b in np.flatnonzero(alone).tolist():
-        own = with_measured(problem, measured[b])
-        begin = end.x[b] if np.isfinite(end.cost[b]) else x[b]
-        found = minimise(own, begin, lower=problem.space.lower, upper=problem.space.upper, options=options)
-        end.x[b], end.cost[b] = found.x, found.cost
-        end.converged[b] = found.success or found.status is Status.SINGULAR  # a minimum along a whole line is one
-    return BatchFit(end.x, end.cost, end.converged, alone)
+    return end.x, end.cost, end.converged
 
 
 class _Descent:

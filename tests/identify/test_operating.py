@@ -7,10 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import ks_2samp
 from sentences import refuses
 from turbulence import ONE_MODE, recorded, written
 
 import rotorfit as rf
+from rotorfit.estimators.blocks.operating import unpacked
 from rotorfit.estimators.signals.cells import Cells
 from rotorfit.identify.diagnosis.free_rotor import likelihood_ratio
 from rotorfit.identify.fitting.headline import decrement_of
@@ -28,8 +30,12 @@ def test() -> rf.OperatingTest:
     return recorded(MODEL, ONE_MODE, np.array([200.0]), minutes=10, seed=3)
 
 
-def test_one_speed_without_force_tells_threshold_and_decrement(test: rf.OperatingTest) -> None:
-    fit = rf.fit(MODEL, test, known=KNOWN, causes=None)
+@pytest.fixture(scope="module")
+def fit(test: rf.OperatingTest) -> rf.FitResult:
+    return rf.fit(MODEL, test, known=KNOWN, causes=None)
+
+
+def test_one_speed_without_force_tells_threshold_and_decrement(fit: rf.FitResult) -> None:
     assert fit.success
     assert abs(fit.redchi - 1) < 5 * np.sqrt(2 / fit.nfree)
     theta = MODEL.vector(ONE_MODE)
@@ -108,8 +114,10 @@ def test_the_profile_does_not_depend_on_the_way_there() -> None:
     np.testing.assert_allclose(problem.gauss_newton(truth)[2], fresh.gauss_newton(truth)[2], rtol=1e-5)
 
 
-def test_the_spectrum_of_the_force_is_chosen_and_kept(test: rf.OperatingTest, tmp_path: Path) -> None:
-    assert rf.fit(MODEL, test, known=KNOWN, causes=None).settings.force_spectrum == "white"
+def test_the_spectrum_of_the_force_is_chosen_and_kept(
+    test: rf.OperatingTest, fit: rf.FitResult, tmp_path: Path
+) -> None:
+    assert fit.settings.force_spectrum == "white"
     red = replace(test, power=test.power * (2 * np.pi * 10 / test.frequency))  # force and floor fall as 1/f
     fit = rf.fit(MODEL, red, known=KNOWN, causes=None)
     assert fit.settings.force_spectrum.startswith("power")
@@ -122,8 +130,8 @@ def test_the_spectrum_of_the_force_is_chosen_and_kept(test: rf.OperatingTest, tm
     np.testing.assert_allclose(again.redchi, fit.redchi, rtol=1e-6)
 
 
-def test_what_the_rotor_cannot_be_is_warned_of(test: rf.OperatingTest) -> None:
-    assert not {finding.code for finding in rf.fit(MODEL, test, known=KNOWN, causes=None).notices}
+def test_what_the_rotor_cannot_be_is_warned_of(test: rf.OperatingTest, fit: rf.FitResult) -> None:
+    assert not {finding.code for finding in fit.notices}
     hump = 1 + 4 * np.exp(-0.5 * ((test.frequency / (2 * np.pi) - 8.0) / 1.5) ** 2)  # another structure's mode
     humped = rf.fit(MODEL, replace(test, power=test.power * hump), known=KNOWN, causes=None)
     assert "band-residual" in {finding.code for finding in humped.notices}
@@ -166,12 +174,36 @@ def test_recordings_become_spectra_without_orders_and_hum(tmp_path: Path) -> Non
     assert abs(fit.params["lam"].value - ONE_MODE["lam"]) < 4 * fit.params["lam"].stderr
 
 
-def test_a_robust_loss_and_draws_of_spectra_are_refused(test: rf.OperatingTest) -> None:
+def test_spectra_are_drawn_as_averages_of_normal_lines_scatter() -> None:
+    m, freedom, rng = 4, 9.0, np.random.default_rng(1)
+    root = np.tril(rng.normal(size=(m, m)) + 1j * rng.normal(size=(m, m)))
+    power = np.tile(root @ root.conj().T, (2000, 1, 1))
+    cells = Cells(frequency=np.arange(1.0, 2001.0), power=power, freedom=np.full(2000, freedom))
+    model = rf.models.WhirlWhip()
+    test = operating_test("run", 200.0, model.planes, cells, {}, "")
+    block = test.observe(model, np.zeros(test.run.size, dtype=np.intp))
+    block = block.with_noise(np.full(block.sigma.size, np.sqrt(1.5)))
+    noise = rng.normal(size=(2, block.measured.size))
+    drawn = unpacked(block.measured + block.sigma * block.drawn(noise[0] + 1j * noise[1]), m)
+    lines = rng.normal(size=(2, 2000, m, 6)) / np.sqrt(2)  # of 6 degrees of freedom, as noise is wider
+    averages = np.einsum("cik,cjk->cij", u := root @ (lines[0] + 1j * lines[1]), u.conj()) / 6
+    for of in (lambda P: P[:, 0, 0].real, lambda P: P[:, 0, 3].real, lambda P: np.linalg.slogdet(P)[1]):
+        assert ks_2samp(of(drawn), of(averages)).pvalue > 1e-3
+
+
+def test_fits_of_simulated_spectra_scatter_as_standard_errors_say(fit: rf.FitResult) -> None:
+    """The part of them that is not of the choice between two spectra of the force."""
+    assert fit.model_uncertainty is not None
+    drawn = fit.bootstrap(n=40, seed=1)
+    assert "choice among candidate models" in str(drawn)
+    assert drawn.failures == 0
+    ratio = drawn.samples.std(axis=0, ddof=1) / np.sqrt(np.diag(fit.covar - fit.model_uncertainty))
+    assert (np.abs(ratio - 1) < 3 / np.sqrt(2 * 40)).all()
+
+
+def test_a_robust_loss_and_leaving_readings_out_are_refused(test: rf.OperatingTest, fit: rf.FitResult) -> None:
     with refuses(ValueError):
         rf.fit(MODEL, test, known=KNOWN, loss="huber")
-    fit = rf.fit(MODEL, test, known=KNOWN, causes=None)
-    with refuses(ValueError):
-        fit.bootstrap(n=10)
     with refuses(ValueError):
         fit.jackknife()
 

@@ -17,13 +17,14 @@ from rotorfit.base.equality import ByValue
 from rotorfit.base.executors import carry_out
 from rotorfit.base.names import unknown_name
 from rotorfit.base.text_table import Table, Wide
+from rotorfit.estimators.inference.caused_problem import CausedProblem
 from rotorfit.estimators.minimisation.batch import batch_fit
 from rotorfit.estimators.minimisation.least_squares import Options
 from rotorfit.estimators.misfit.problem import Problem
 from rotorfit.identify.fitting.fit_file import fit_from_json, fit_to_json
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.uncertainty.derived import Derived, Draws, onsets_of
-from rotorfit.identify.uncertainty.target import caused_problem
+from rotorfit.identify.uncertainty.target import OF_ONE_MODEL, caused_problem
 
 # Data without a minimum nearby are common where the noise is large; what runs away need not be followed far. At a bound
 # Gauss-Newton may stall: the exact Hessian then finishes.
@@ -149,14 +150,11 @@ def bootstrap(
     its own. Priors of parameters stay as they are and hold the estimates back. Causes beside the model are drawn
     from what is known of them before the data, none of one sign below zero, and solved with every fit by their columns
     at the joint optimum; what an estimate misses its own truth by, taken from the fit, is then where the truth may be.
+    Beside spectra, whose likelihood is not that of normal readings, causes move the estimates by what the data leave of
+    them.
     """
     if fit.method == "closed form":
         raise ValueError("a closed form cannot be bootstrapped by fits; use the result of rf.fit")
-    if not all(block.normal for block in fit.problem.blocks):
-        raise ValueError(
-            "operating vibration cannot be bootstrapped: the spectra of force and floor, fitted beside the rotor, "
-            "would stay those of the measured data; use fit.profile() (--profile)"
-        )
     if n < 2:
         raise ValueError(f"n is {n}; a spread needs at least two simulated data sets")
     rng = np.random.default_rng(seed)
@@ -167,7 +165,7 @@ def bootstrap(
     readings = 4_000_000  # readings simulated and fitted in one go
     step = max(1, readings // (fit.ndata // 2))
     samples, good = [], []
-    caused = caused_problem(fit)
+    caused, solved = _beside_causes(fit), fit.settings.solved
     for begin in range(0, n, step):
         part = truth[begin : begin + step]
         if caused is None:
@@ -182,12 +180,20 @@ def bootstrap(
         good.append(found)
     converged = np.concatenate(good)
     estimates = np.concatenate(samples)[converged]
+    acting = None if caused is None else estimates[:, fit.x.size :] * caused.causes.size
+    if caused is None and solved is not None:
+        acting = solved.errors.drawn(len(estimates), rng)
+        estimates += (acting - solved.errors.value) @ solved.errors.moves.T
     times = f" times {significant(math.sqrt(fit.widening), 3)}" if fit.widening > 1 else ""
     message = f"noise of the data{times}"
+    if fit.settings.force_spectrum:
+        message += f"; spectrum of the force ({fit.settings.force_spectrum}) as the fit chose it"
     if not converged.all():
         message += f"; {n - converged.sum()} of {n} fits did not converge and are left out"
     if converged.sum() < 2:
         message += ", which leaves too few for a spread: the data do not hold these estimates fast"
+    if fit.model_uncertainty is not None:
+        message += f". {OF_ONE_MODEL}"
     return Bootstrap(
         fit=fit,
         names=fit.var_names,
@@ -195,8 +201,13 @@ def bootstrap(
         failures=int(n - converged.sum()),
         seed=seed,
         message=message,
-        sizes=None if caused is None else estimates[:, fit.x.size :] * caused.causes.size,
+        sizes=acting,
     )
+
+
+def _beside_causes(fit: FitResult) -> CausedProblem | None:
+    """The problem beside causes where readings are normal."""
+    return caused_problem(fit) if all(block.normal for block in fit.problem.blocks) else None
 
 
 def _fitted(
@@ -204,7 +215,7 @@ def _fitted(
 ) -> tuple[Float, Bool]:
     """Estimates from sets of readings, and which of them converged; beside causes from whitened changes of readings,
     with their sizes."""
-    if executor is None and (caused := caused_problem(fit)) is not None:
+    if executor is None and (caused := _beside_causes(fit)) is not None:
         return caused.minima(measured, _OPTIONS)
     if executor is None:
         result = batch_fit(fit.problem, measured, fit.x, accelerate=accelerate, options=_OPTIONS)
@@ -228,7 +239,7 @@ def _fit_of(text: str) -> FitResult:
 
 def _simulate(fit: FitResult, truth: Float, rng: np.random.Generator) -> ComplexArray:
     """Readings of each vector with noise, shape ``(n, R)``."""
-    problem: Problem = fit.problem
+    problem: Problem = fit.problem.with_noise(math.sqrt(fit.widening))
     same = bool((truth == truth[0]).all())
     exact = np.array([np.concatenate(problem.predict(x)) for x in (truth[:1] if same else truth)])
     shape = (len(truth), exact.shape[1])
@@ -236,6 +247,5 @@ def _simulate(fit: FitResult, truth: Float, rng: np.random.Generator) -> Complex
     stop = 0
     for block in problem.blocks:
         start, stop = stop, stop + block.measured.size
-        noise[:, start:stop] = block.drawn(noise[:, start:stop])
-    sigma = problem.sigma * math.sqrt(fit.widening)
-    return np.asarray(exact + sigma * noise)
+        noise[:, start:stop] = block.weighed(exact[:, start:stop]).drawn(noise[:, start:stop])
+    return np.asarray(exact + problem.sigma * noise)

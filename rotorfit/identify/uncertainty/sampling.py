@@ -27,7 +27,7 @@ from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.fitting.structure.refine import refine as refine_fit
 from rotorfit.identify.fitting.structure.refine import structure_name
 from rotorfit.identify.uncertainty.posterior import Posterior, SampleSettings
-from rotorfit.identify.uncertainty.target import LogDensity, log_density, posterior_of
+from rotorfit.identify.uncertainty.target import OF_ONE_MODEL, LogDensity, log_density, posterior_of
 from rotorfit.models.shafts.angular_rates import real_number
 
 _LOG = logging.getLogger(__name__)
@@ -208,10 +208,7 @@ def _treatment(fit: FitResult, target: LogPosterior, centre: Float) -> str:
                 "; runs are taken to agree: what they may differ by, which standard errors allow for, is not in here"
             )
         if fit.model_uncertainty is not None:
-            words += (
-                ". The uncertainty of the choice among candidate models, which standard errors hold, is not in these "
-                "draws of one model"
-            )
+            words += f". {OF_ONE_MODEL}"
         return words
     if fit.settings.noise_scale:
         advice = "bring the shaft's matrices (KnownStructure)"

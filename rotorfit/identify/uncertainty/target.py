@@ -16,6 +16,11 @@ from rotorfit.identify.fitting.noise.error_bars import effect_entries
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.uncertainty.posterior import SampleSettings
 
+OF_ONE_MODEL = (
+    "The uncertainty of the choice among candidate models, which standard errors hold, is not in these draws of one "
+    "model"
+)
+
 
 def caused_problem(fit: FitResult) -> CausedProblem | None:
     """The problem of a fit beside its causes, its noise as the errors have it; None without any."""
