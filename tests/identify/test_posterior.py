@@ -331,7 +331,7 @@ def test_a_corner_plot_shows_chosen_parameters_and_marks_truths(rig_fit: rf.FitR
         assert float(numbers.split(" ± ")[0]) == pytest.approx(drawn.mean(), abs=drawn.std() / 20)
     together = np.corrcoef(posterior.samples[:, [posterior.names.index(name) for name in ("lam", "D")]].T)[0, 1]
     assert [text.get_text() for text in figure.axes[1].texts] == [f"{together:+.2f}".replace("-", "−")]
-    assert len(posterior.plot.corner().axes) == 36  # six of ten: the fluid's, and what they go with
+    assert len(posterior.plot.corner().axes) == 16  # of ten those of the fluid
     marked = [line.get_xdata()[0] for axis in figure.axes for line in axis.lines if line.get_xdata()[0] == 0.475]
     assert marked
     with refuses(KeyError):

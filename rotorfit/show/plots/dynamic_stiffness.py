@@ -333,8 +333,10 @@ def _entry(
         if left_out[number]:
             style.above(axis, f"{left_out[number]} of {count} points not drawn")
         _name_lines(sheet, axis, shown, lines, factor, (np.real, np.imag)[number], against, squared=number == 0)
-    if full and not fit.model.eccentricity_dependent and len(shown) <= _NAMED:
-        _readings(sheet, fit, shown, pair, row, column, against)
+    if full and not fit.model.eccentricity_dependent:
+        if len(shown) <= _NAMED:
+            _readings(fit, shown, pair, row, column, against)
+        _mark_whirl(sheet, fit, shown, pair[1], row, column, against)
 
 
 def _along(curves: Sequence[_Line], frequency: Float) -> ComplexArray:
@@ -434,13 +436,7 @@ def _limits(pair: tuple[Any, ...], factor: float, curves: Sequence[_Line], point
 
 
 def _readings(
-    sheet: style.Sheet,
-    fit: FitResult,
-    shown: Sequence[_Shown],
-    pair: tuple[Any, ...],
-    row: int,
-    column: int,
-    against: str,
+    fit: FitResult, shown: Sequence[_Shown], pair: tuple[Any, ...], row: int, column: int, against: str
 ) -> None:
     """Write what the lines mean: intercept and curvature of the direct part, slope of the quadrature part.
 
@@ -468,7 +464,6 @@ def _readings(
     for axis, text in zip(pair, (direct, quadrature), strict=True):
         if text:
             style.below(axis, text)
-    _mark_whirl(sheet, fit, shown, pair[1], row, column, against)
 
 
 def _symbols(fit: FitResult, power: int, row: int, column: int) -> str:

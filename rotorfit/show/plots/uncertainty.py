@@ -191,7 +191,7 @@ class PosteriorPlots:
         """Marginal and pairwise densities, the optimum of the fit marked.
 
         Args:
-            var_names: parameters that are drawn, by default the fluid's and those most correlated, six at most.
+            var_names: parameters that are drawn, by default up to six: all, the fluid's, or those most correlated.
             truths: values by name that are marked in place of the optimum.
             **look: ``ax`` and ``unit``, as for :meth:`rotorfit.FitResult.plot.bode`.
 
