@@ -116,3 +116,45 @@ def test_noise_on_amplitudes_alone_is_no_jitter():
     said = [words for words in fit.warnings if "scatter more" in words]
     assert all("amplitudes" in words for words in said)
     assert not any("jitters" in words for words in fit.warnings)
+
+
+def test_noise_on_amplitudes_of_few_readings_is_no_jitter():
+    """Values that are fitted carry a part of it over to the phases."""
+    model, theta = MODELS["one-mode"](), TYPICAL["one-mode"]
+    frequency = covering_frequencies(model, model.vector(theta), SPEEDS["one-mode"], 12)
+    test = circular_test(model, model.vector(theta), speeds=SPEEDS["one-mode"], frequency=frequency, noise=0.0)
+    error = 0.03 * np.random.default_rng(2).normal(size=len(test))
+    noisy = replace(test, response=test.response * (1 + error), sigma=0.005 * np.abs(test.response))
+    fit = rf.fit(model, noisy, known=known_of("one-mode", theta))
+    assert any("only in their amplitudes, as where noise was simulated" in words for words in fit.warnings)
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_a_mode_that_the_model_lacks_is_no_jitter_and_no_line_alone(given):
+    """Displacement of a disk that tilts, fitted as one mode, on lines too coarse for residuals to follow each other."""
+    disk = {"M": 5.0, "It": 0.05, "Ip": 0.09, "k11": 4e6, "k12": -3e5, "k22": 4e4, "d1": 60.0, "d2": 0.6}
+    w = np.pi / 30 * np.arange(400.0, 14001.0, 340.0)
+    rng, rows = np.random.default_rng(3), []
+    for speed in np.pi / 30 * np.array([2500.0, 6500.0]):
+        for s in np.concatenate([w, -w]):
+            z = disk["k11"] - disk["M"] * s**2 + 1j * s * disk["d1"]
+            tilt = disk["k22"] - disk["It"] * s**2 + disk["Ip"] * speed * s + 1j * s * disk["d2"]
+            rows.append((speed, s, 10.0 / (z - disk["k12"] ** 2 / tilt)))
+    speed, frequency, response = (np.array(column) for column in zip(*rows, strict=True))
+    noise = 2e-8
+    test = rf.PerturbationTest(
+        run=np.array([f"{v:.0f} {'f' if s > 0 else 'b'}" for v, s in zip(speed, frequency, strict=True)]),
+        speed=speed.real,
+        frequency=frequency.real,
+        force_plane=np.full(len(rows), "disk"),
+        force=np.full(len(rows), 10.0 + 0j),
+        plane=np.full(len(rows), "disk"),
+        direction=np.full(len(rows), "z"),
+        response=response + noise * (rng.normal(size=len(rows)) + 1j * rng.normal(size=len(rows))),
+        sigma=np.full(len(rows), noise if given else np.nan),
+    )
+    fit = rf.fit(rf.models.OneMode(("disk",)), test)
+    assert fit.redchi > 1e4
+    assert not any("alone (" in words or "jitters" in words for words in fit.warnings)
+    if not given:
+        assert any("which is no jitter: the model misses a mode" in words for words in fit.warnings)

@@ -75,7 +75,9 @@ def judge(
     plain, begin = problem, x
     if beside is not None:  # without the causes that were found
         plain, begin = shifted(problem, [-part for part in beside.shift]), beside.plain[: x.size]
-    alone = bad_lines(plain, begin, MODEL_LIMITED_REDCHI) if redchi > MODEL_LIMITED_REDCHI else None
+    alone = None
+    if redchi > MODEL_LIMITED_REDCHI:
+        alone = bad_lines(*with_noise_of_data(plain, settings, begin), MODEL_LIMITED_REDCHI)
     notices = [*notes, *fit_warnings(problem, x, redchi, params, verdict, settings, noise, alone)]
     notices += [_warning("cause-size", text) for text in size_warnings(causes)]
     if redchi <= max(largest_redchi(noise, nfree, noise_known_from(problem)), MODEL_LIMITED_REDCHI):
@@ -160,8 +162,14 @@ def explains_nothing(problem: Problem, solution: Solution) -> bool:
     if not redchi_of(problem, solution) > least_redchi:
         return False
     size, left = np.abs(problem.measured / problem.sigma), np.abs(problem.residuals(solution.x))
-    share = np.median(left / np.where(size > 0, size, np.inf))
+    share = _share_missed(problem, solution.x)
     return bool(share > least_share and np.linalg.norm(left) > least_share * np.linalg.norm(size))
+
+
+def _share_missed(problem: Problem, x: Float) -> float:
+    """Share of a reading that the model misses, which half of the readings exceed."""
+    size, left = np.abs(problem.measured / problem.sigma), np.abs(problem.residuals(x))
+    return float(np.median(left / np.where(size > 0, size, np.inf)))
 
 
 # ---- goodness of fit -------------------------------------------------------------------------------------------------
@@ -422,6 +430,12 @@ def _of_scatter(problem: Problem, x: Float, params: Mapping[str, FittedParameter
     part = one_component(problem, x)
     if part:
         return f"and only in their {part}, as where noise was simulated in one component"
+    most_jitter = 0.1  # of a reading, that hardly any force or speed jitters by. Chosen
+    if (missed := _share_missed(problem, x)) > most_jitter:
+        return (
+            f"half of them by {significant(100 * missed, 2)} % of their size or more, which is no jitter: the model "
+            "misses a mode or a direction, or lines are too far apart for its resonance"
+        )
     return "as where a force or a speed jitters"
 
 

@@ -251,8 +251,8 @@ def verdict_warning(verdict: NoiseVerdict, redchi: float, correlation: float, ca
         ]
     if verdict is NoiseVerdict.LARGER:
         return [
-            f"{yet} the noise is larger than given, and standard errors are widened accordingly. Without sigma_um or "
-            "coherence the noise is estimated"
+            f"{yet} the noise is larger than given, or readings scatter by more than noise, {cause}. Standard errors "
+            "are widened accordingly; without sigma_um or coherence the noise is estimated"
         ]
     if verdict is NoiseVerdict.CORRELATED:
         return [

@@ -116,7 +116,8 @@ def one_component(problem: Problem, x: Float) -> str:
         return ""
     r, predicted = problem.residuals(x), np.concatenate(problem.predict(x))
     along = r * np.where(predicted == 0, 1.0, predicted.conj() / np.where(predicted == 0, 1.0, np.abs(predicted)))
-    none_share = 0.01  # of the squares, up to which a component does not scatter
+    # Of the squares, up to which a component does not scatter: what the values that are fitted may carry over to it
+    none_share = 0.01 + problem.space.size / problem.n_data
     for parts, first, second in ((along, "amplitudes", "phases"), (r, "real parts", "imaginary parts")):
         squares = float(np.sum(parts.real**2)), float(np.sum(parts.imag**2))
         if min(squares) < none_share * sum(squares):
