@@ -201,6 +201,13 @@ def test_fits_of_simulated_spectra_scatter_as_standard_errors_say(fit: rf.FitRes
     assert (np.abs(ratio - 1) < 3 / np.sqrt(2 * 40)).all()
 
 
+def test_a_posterior_of_spectra_takes_few_walkers(fit: rf.FitResult) -> None:
+    """Each vector has its force and floor fitted by itself, so that many at once save nothing."""
+    posterior = fit.sample(seed=1, max_steps=2)
+    assert posterior.settings.walkers == 32
+    assert not posterior.converged
+
+
 def test_a_robust_loss_and_leaving_readings_out_are_refused(test: rf.OperatingTest, fit: rf.FitResult) -> None:
     with refuses(ValueError):
         rf.fit(MODEL, test, known=KNOWN, loss="huber")
@@ -223,3 +230,5 @@ def test_what_tells_no_operating_spectra_is_refused(tmp_path: Path) -> None:
         rf.operating_spectra(rf.read_recording(written(tmp_path / "quiet.h5", minutes=0.5, force=1e-9)))
     with refuses(ValueError):
         rf.operating_spectra(rf.read_recording(written(tmp_path / "mark.h5", minutes=0.5, mark=False)))
+    with refuses(ValueError):
+        rf.operating_spectra(rf.read_recording(written(tmp_path / "short.h5", minutes=0.005)))

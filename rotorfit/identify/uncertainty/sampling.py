@@ -34,7 +34,7 @@ _LOG = logging.getLogger(__name__)
 WALKERS = 128
 """Walkers at most by default, enough to keep vectorised likelihoods busy; more where there are many parameters."""
 FEW_WALKERS = 32
-"""The same with the matrices of a whole shaft, where many vectors at once save nothing."""
+"""The same with the matrices of a whole shaft, and with spectra, where many vectors at once save nothing."""
 
 
 def sample(
@@ -61,8 +61,8 @@ def sample(
         fit: result of :func:`rotorfit.fit`.
         rng: of the random numbers, a generator or its seed, which the result keeps; by default one is drawn.
         seed: the same.
-        walkers: even number of walkers, by default 128 (32 with the matrices of a whole shaft, and fewer for an
-            ``ess`` that fewer give), or twice the number of entries.
+        walkers: even number of walkers, by default 128 (32 with the matrices of a whole shaft or spectra of
+            operating vibration, and fewer for an ``ess`` that fewer give), or twice the number of entries.
         ess: effective samples to reach.
         max_steps: steps after which to stop in any case; the result then says that it is not converged.
         noise: level of the noise in each channel: "marginal" (default: unknown and integrated out, so that a channel
@@ -101,7 +101,8 @@ def sample(
     typical_steps = 400  # of a well-behaved posterior, to judge whether compiling pays
     work = max(ess, (walkers or WALKERS) * typical_steps)
     target = posterior_of(fit, settings, accelerate=accelerate, work=work)
-    usual = FEW_WALKERS if fit.model.shaft is not None else WALKERS
+    one_by_one = fit.model.shaft is not None or not all(block.normal for block in fit.problem.blocks)
+    usual = FEW_WALKERS if one_by_one else WALKERS
     # Each gives 100 effective samples until its times are resolved; thrice as many walkers keep likelihoods busy
     enough = 2 * math.ceil(ess / 60)
     count = walkers or max(min(usual, max(16, enough)), 2 * target.size)

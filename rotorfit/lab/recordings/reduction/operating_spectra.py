@@ -230,6 +230,14 @@ def _width(
     seconds: float,
 ) -> float:
     """Width of a cell: a third of the half width of the sharpest mode, but several lines."""
-    sharpest = half_width(averaged(z, rate, band=band, width=max(_WIDEST, 8 / seconds), masked=masked), len(z))
+    coarse = averaged(z, rate, band=band, width=max(_WIDEST, 8 / seconds), masked=masked)
+    told, least = coarse.frequency.size, 2 * len(z) + 2  # as many cells as poles are looked for
+    if told < least:
+        raise ValueError(
+            f"{record.name}: {significant(seconds, 3)} s are too short: the spectrum from {significant(band[0], 3)} to "
+            f"{significant(band[1], 3)} Hz has {told} of the {least} cells that tell a mode. Record "
+            f"{significant(seconds * least / max(told, 1), 2)} s or more"
+        )
+    sharpest = half_width(coarse, len(z))
     fewest = 2.5 * 2 * len(z) / seconds  # lines of a cell over its signals
     return max(float(np.clip(sharpest / 3, _NARROWEST, _WIDEST)), fewest)
