@@ -26,9 +26,8 @@ def plot_stability_report(report: StabilityReport, *, sheet: style.Sheet) -> Fig
     """
     more = ((_unbalance, report.unbalance), (_coupling, report.cross_coupling), (_sensitivity, report.sensitivity))
     panels = [_decrements, *(panel for panel, curves in more if curves)]
-    figure, axes = sheet.grid(
-        len(panels), 1, f"Stability, with {significant(100 * report.level, 4)} % bands", size=(6.6, 2.4)
-    )
+    title = f"{style.literal(report.rig)}: stability, with {significant(100 * report.level, 4)} % bands"
+    figure, axes = sheet.grid(len(panels), 1, title, size=(6.6, 2.4))
     for panel, axis in zip(panels, axes[:, 0], strict=True):
         panel(sheet, report, axis)
     style.legend_below(figure)

@@ -105,6 +105,7 @@ class StabilityReport(ByValue, Tabled):
         curves: what computes :attr:`decrement`, :attr:`unbalance`, :attr:`cross_coupling` and :attr:`sensitivity`.
         notes: what a reader must know.
         caution: why no number may be relied on as it stands; empty where there is nothing.
+        rig: what was tested, by the names of its files.
     """
 
     criteria: tuple[Criterion, ...]
@@ -115,6 +116,7 @@ class StabilityReport(ByValue, Tabled):
     curves: Mapping[str, Callable[[], tuple[Curve, ...]]] = field(compare=False)
     notes: tuple[str, ...]
     caution: str
+    rig: str
 
     plot = Accessor()
 

@@ -15,6 +15,7 @@ from rotorfit.base.digits import significant
 from rotorfit.base.names import unknown_name
 from rotorfit.base.units import RPM_PER_RAD_S, in_rad_s
 from rotorfit.estimators.inference.identifiability import UNSEEN_CHANGE
+from rotorfit.identify.fitting.headline import rig_name
 from rotorfit.identify.fitting.result import FitResult
 from rotorfit.identify.uncertainty.derived import DERIVED_DRAWS, SHAFT_DRAWS
 from rotorfit.identify.uncertainty.predict import check_forced, check_read, check_rotor, extrapolation
@@ -99,6 +100,7 @@ def stability_report(
         },
         notes=_notes(fit, one, running),
         caution=caution if fit.model_limited else "",
+        rig=rig_name(fit),
     )
 
 
