@@ -182,6 +182,15 @@ def test_speeds_that_were_counted_are_known_better_than_labels() -> None:
     assert shares[0] == pytest.approx(4 * shares[1], rel=0.05)
 
 
+def test_a_run_a_little_off_the_set_speed_has_a_label_all_the_same() -> None:
+    rig = rf.datasets.rig_open()
+    off = replace(rig, speed=rig.speed + np.where(rig.run == rig.runs[0], 0.02 * np.pi / 30, 0.0))
+    sizes = [
+        rf.fit(rf.models.WhirlWhip(), test, known={"K3": 6000.0}).causes["speed label"].size for test in (rig, off)
+    ]
+    assert sizes[1] == pytest.approx(sizes[0])
+
+
 def test_supports_that_differ_in_two_directions_need_no_cause() -> None:
     """Of a rig whose K is larger along x and smaller along y by a fifth, circular responses lack the second order
     alone, and the pairs of probes name it. Equations of x + jy and its conjugate, and their roots, are written out."""
